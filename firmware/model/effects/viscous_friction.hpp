@@ -1,0 +1,26 @@
+#pragma once
+
+#include <array>
+
+#include "firmware/model/effect.hpp"
+
+namespace wheelwright::model {
+
+// Friction torque proportional to wheel speed: tau = -c * speed, on each wheel by itself.
+struct ViscousFriction {
+    static constexpr std::array<EffectParameterInfo, 2> parameters{{
+        {"left_Nm_s_per_rad", "Nm s/rad", 0.0, 10.0, "drag torque on the left wheel per wheel speed"},
+        {"right_Nm_s_per_rad", "Nm s/rad", 0.0, 10.0, "drag torque on the right wheel per wheel speed"},
+    }};
+    static constexpr EffectInfo info{
+        "viscous_friction", "friction in bearings, gearbox grease and tyres that grows with wheel speed",
+        "linear term of the Stribeck model, Armstrong-Helouvry, Dupont, Canudas de Wit (1994)", parameters};
+
+    template <typename Real>
+    static constexpr WheelPair<Real> smooth_column(unsigned j, const Motion<Real>& motion) {
+        return j == 0 ? WheelPair<Real>{-motion.wheel_speed_rad_per_s.left, 0}
+                      : WheelPair<Real>{0, -motion.wheel_speed_rad_per_s.right};
+    }
+};
+
+}  // namespace wheelwright::model

@@ -1,0 +1,52 @@
+// The quantities every part of the firmware talks in, with their frames and signs. They are said here once.
+//
+// Body frame: x forward, y left, z up, origin at the middle of the wheel axle. Angles and rates are positive
+// counter-clockwise. A positive wheel torque or wheel speed drives the robot forward, on either wheel.
+// All types are plain aggregates: no invariants, no allocation, trivially copyable.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+namespace wheelwright {
+
+// One value per wheel.
+template <typename Real>
+struct WheelPair {
+    Real left{};
+    Real right{};
+
+    constexpr Real sum() const { return right + left; }         // drives the robot forward
+    constexpr Real difference() const { return right - left; }  // turns the robot counter-clockwise
+};
+
+// Velocity of the robot: u = (v, ω) of the paper.
+template <typename Real>
+struct Twist {
+    Real v_m_per_s{};
+    Real omega_rad_per_s{};
+};
+
+// Acceleration of the robot: time derivative of Twist.
+template <typename Real>
+struct TwistRate {
+    Real v_m_per_s2{};
+    Real omega_rad_per_s2{};
+};
+
+// Position of the axle's middle in a fixed frame, and heading against that frame's x axis.
+template <typename Real>
+struct Pose {
+    Real x_m{};
+    Real y_m{};
+    Real heading_rad{};
+};
+
+// Wraps an angle to (-pi, pi]. Not finite in, not finite out.
+template <typename Real>
+Real wrap_angle_rad(Real angle_rad) {
+    constexpr Real two_pi = Real(6.283185307179586476925286766559);
+    return angle_rad - two_pi * std::ceil((angle_rad - two_pi / 2) / two_pi);
+}
+
+}  // namespace wheelwright

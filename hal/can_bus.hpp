@@ -1,0 +1,72 @@
+// What the firmware asks of a CAN bus. Implementations: hal/linux (SocketCAN), sim_hal (in-process).
+// One contract suite, tests/contract/can_bus_contract.hpp, runs on all of them.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+namespace wheelwright::hal {
+
+// One CAN frame, classic or FD.
+struct CanFrame {
+    std::uint32_t id = 0;          // 11-bit, or 29-bit when `extended`
+    std::uint8_t length = 0;       // data bytes: 0..8 classic; 0..8, 12, 16, 20, 24, 32, 48, 64 FD
+    bool extended = false;         // 29-bit identifier
+    bool remote = false;           // remote transmission request; carries no data
+    bool fd = false;               // CAN FD format
+    bool bit_rate_switch = false;  // FD only: data phase at the faster rate
+    bool error = false;  // received only: an error frame; `id` then holds the kernel's error class bits
+    std::array<std::uint8_t, 64> data;  // bytes past `length` are indeterminate
+};
+
+struct ReceivedFrame {
+    CanFrame frame;
+    std::int64_t timestamp_ns = 0;  // when the frame was on the wire, in the time base of the bus's Clock
+};
+
+// Accepts a frame when (frame.id & mask) == (id & mask) and `extended` is equal.
+struct CanFilter {
+    std::uint32_t id = 0;
+    std::uint32_t mask = 0;
+    bool extended = false;
+};
+
+enum class CanStatus : std::uint8_t {
+    ok,
+    would_block,  // send: the transmit queue is full; receive: nothing is waiting
+    invalid,      // the frame cannot be sent on this bus (length, identifier, FD on a classic bus)
+    bus_down,     // the interface is down or gone, or the controller is bus-off
+};
+
+// Monotonic counters; none is ever reset.
+struct CanStatistics {
+    std::uint64_t frames_sent = 0;
+    std::uint64_t frames_received = 0;   // error frames are not counted here
+    std::uint64_t send_refused = 0;      // each send() that did not return ok
+    std::uint64_t receive_overflow = 0;  // frames lost because the receive queue was full
+    std::uint64_t error_frames = 0;
+    std::uint64_t bus_off = 0;
+};
+
+// Threads: one thread calls send, receive and statistics; set_filters before that thread starts cycling.
+// None of these calls blocks, allocates or throws.
+class CanBus {
+  public:
+    virtual ~CanBus() = default;
+
+    // Queues one frame for transmission. The frame is copied.
+    virtual CanStatus send(const CanFrame& frame) = 0;
+
+    // Takes the oldest waiting frame. Own frames are never received. Returns would_block when none waits.
+    virtual CanStatus receive(ReceivedFrame& out) = 0;
+
+    // Replaces the set of accepted frames; an empty set accepts nothing but error frames, and a new bus
+    // accepts everything. False: the implementation cannot hold that many, and the old set stays.
+    virtual bool set_filters(std::span<const CanFilter> filters) = 0;
+
+    virtual CanStatistics statistics() const = 0;
+};
+
+}  // namespace wheelwright::hal
