@@ -1,0 +1,147 @@
+// The modes, the faults and the table that says who may drive the wheels now. Data only; supervisor.hpp runs
+// it. Numbers are the value tables of the DBC (a test compares them).
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <string_view>
+
+namespace wheelwright::supervisor {
+
+enum class Mode : std::uint8_t { boot, idle, torque, ident, velocity, pose, trajectory, adaptive, fault };
+inline constexpr std::size_t kModeCount = 9;
+inline constexpr std::array<std::string_view, kModeCount> kModeNames{
+    "boot", "idle", "torque", "ident", "velocity", "pose", "trajectory", "adaptive", "fault"};
+
+enum class Fault : std::uint8_t {
+    none,
+    stale_feedback,
+    stale_command,
+    drive_error,
+    drive_left_armed_state,
+    over_speed,
+    emergency_stop_line,
+    emergency_stop_message,
+    cycle_overrun,
+    drive_silent,
+    arming_refused,
+    bus_down,
+    internal_error,
+    terminated,
+};
+
+// Why a requested mode is not entered.
+enum class Blocker : std::uint8_t {
+    none,
+    not_idle,
+    fault_latched,
+    drives_not_armed,
+    stop_line_active,
+    no_fresh_setpoint,
+    model_not_trusted,
+    pose_unknown,
+    watchdog_not_confirmed,
+    robot_moving,
+    unknown_mode,
+    design_refused,
+};
+
+// What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
+struct Conditions {
+    bool feedback_stale = false;         // encoder feedback of a wheel is older than its limit
+    bool command_stale = false;          // the active mode's set-point was not repeated in time
+    bool drive_error = false;            // a drive reports an error
+    bool drive_silent = false;           // a drive's heartbeat is overdue
+    bool drives_armed = false;           // both drives follow torque commands
+    bool drive_disarmed_itself = false;  // a drive that was armed has left that state unasked
+    bool arming_refused = false;         // a drive would not arm
+    bool watchdog_confirmed = false;     // both drives' own watchdogs are known to be on
+    bool over_speed = false;
+    bool stop_line_active = false;  // also when the line cannot be read
+    bool stop_message = false;      // an emergency-stop message came in this cycle
+    bool overrun = false;           // too many missed cycles
+    bool bus_down = false;
+    bool not_finite = false;                // a computed torque or state was not a number
+    bool terminate = false;                 // the process was asked to end
+    bool moving = false;                    // a wheel's rim is faster than safety.clear_speed_m_per_s
+    bool velocity_design_accepted = false;  // the velocity loops have a design with the demanded margins
+    bool model_trusted = false;             // K7 and K8 have standard errors within the limit
+    bool mode_finished = false;             // the active mode has nothing left to do (identification)
+};
+
+inline constexpr std::uint16_t bit(Mode mode) { return static_cast<std::uint16_t>(1U << unsigned(mode)); }
+inline constexpr std::uint16_t kDriving = bit(Mode::torque) | bit(Mode::ident) | bit(Mode::velocity) |
+                                          bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
+inline constexpr std::uint16_t kIdle = bit(Mode::idle);
+inline constexpr std::uint16_t kSetpointModes =
+    bit(Mode::torque) | bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
+
+// Which stop a fault asks for. `as_configured_*` names a parameter of the robot file's [safety].
+enum class StopBy : std::uint8_t {
+    coast,  // torque zero at once; the only choice where speed is not known or torque not obeyed
+    as_configured_stale_command,
+    as_configured_over_speed,
+    as_configured_emergency_stop,
+    as_configured_overrun,
+    as_configured_terminate,
+};
+
+// One row: in these modes, this condition becomes this fault. Rows are read in order; the first that holds
+// names the fault. A fault is latched until it is cleared.
+struct FaultRule {
+    bool Conditions::*when;
+    std::uint16_t modes;
+    Fault fault;
+    StopBy stop;
+};
+
+inline constexpr std::array kFaultRules{
+    FaultRule{&Conditions::not_finite, kDriving, Fault::internal_error, StopBy::coast},
+    FaultRule{&Conditions::stop_line_active, kDriving, Fault::emergency_stop_line,
+              StopBy::as_configured_emergency_stop},
+    FaultRule{&Conditions::stop_message, kDriving | kIdle, Fault::emergency_stop_message,
+              StopBy::as_configured_emergency_stop},
+    FaultRule{&Conditions::bus_down, kDriving, Fault::bus_down, StopBy::coast},
+    FaultRule{&Conditions::drive_error, kDriving, Fault::drive_error, StopBy::coast},
+    FaultRule{&Conditions::drive_silent, kDriving, Fault::drive_silent, StopBy::coast},
+    FaultRule{&Conditions::drive_disarmed_itself, kDriving, Fault::drive_left_armed_state, StopBy::coast},
+    FaultRule{&Conditions::feedback_stale, kDriving, Fault::stale_feedback, StopBy::coast},
+    FaultRule{&Conditions::over_speed, kDriving, Fault::over_speed, StopBy::as_configured_over_speed},
+    FaultRule{&Conditions::overrun, kDriving, Fault::cycle_overrun, StopBy::as_configured_overrun},
+    FaultRule{&Conditions::command_stale, kSetpointModes, Fault::stale_command,
+              StopBy::as_configured_stale_command},
+    FaultRule{&Conditions::terminate, kDriving, Fault::terminated, StopBy::as_configured_terminate},
+};
+
+// One requirement for entering a mode: the condition must have this value, or the blocker is named.
+struct EntryRule {
+    std::uint16_t into;
+    bool Conditions::*what;
+    bool must_be;
+    Blocker otherwise;
+};
+
+// Checked when a mode is asked for; all must hold or the request is rejected and nothing changes.
+inline constexpr std::array kEntryRules{
+    EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
+    EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},
+    EntryRule{bit(Mode::ident), &Conditions::moving, false, Blocker::robot_moving},
+    EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
+              &Conditions::velocity_design_accepted, true, Blocker::design_refused},
+    EntryRule{bit(Mode::adaptive), &Conditions::model_trusted, true, Blocker::model_not_trusted},
+};
+
+// From which modes a mode may be asked for. A mode may be asked for again while it is active.
+inline constexpr std::array<std::uint16_t, kModeCount> kMayEnterFrom{
+    /* boot       */ 0,
+    /* idle       */ kIdle | kDriving,
+    /* torque     */ kIdle | kDriving,
+    /* ident      */ kIdle | bit(Mode::ident),
+    /* velocity   */ kIdle | kDriving,
+    /* pose       */ kIdle | kDriving,
+    /* trajectory */ kIdle | kDriving,
+    /* adaptive   */ kIdle | kDriving,
+    /* fault      */ 0,
+};
+
+}  // namespace wheelwright::supervisor
