@@ -72,7 +72,7 @@ void Supervisor::step(const Conditions& now) {
                 blocker_ =
                     now.watchdog_confirmed ? Blocker::drives_not_armed : Blocker::watchdog_not_confirmed;
                 stop(Fault::arming_refused, false);
-            } else if (now.drives_armed) {
+            } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself) {
                 enter(requested_);
             }
             break;
