@@ -1,8 +1,8 @@
 // The supervisor against what the issue of safety demands, stated here without its tables.
+#include <array>
 #include <cstdint>
 #include <cstdio>
 #include <random>
-#include <vector>
 
 #include "firmware/supervisor/supervisor.hpp"
 //
@@ -52,22 +52,19 @@ struct Danger {
 };
 
 // What must stop each driving mode, whatever else is true.
-const std::vector<Danger>& dangers() {
-    static const std::vector<Danger> list{
-        {"feedback stale", &Conditions::feedback_stale, Fault::stale_feedback},
-        {"drive error", &Conditions::drive_error, Fault::drive_error},
-        {"drive silent", &Conditions::drive_silent, Fault::drive_silent},
-        {"drive left its armed state", &Conditions::drive_disarmed_itself, Fault::drive_left_armed_state},
-        {"over speed", &Conditions::over_speed, Fault::over_speed},
-        {"stop line", &Conditions::stop_line_active, Fault::emergency_stop_line},
-        {"stop message", &Conditions::stop_message, Fault::emergency_stop_message},
-        {"overrun", &Conditions::overrun, Fault::cycle_overrun},
-        {"bus down", &Conditions::bus_down, Fault::bus_down},
-        {"not finite", &Conditions::not_finite, Fault::internal_error},
-        {"terminate", &Conditions::terminate, Fault::terminated},
-    };
-    return list;
-}
+constexpr std::array kDangers{
+    Danger{"feedback stale", &Conditions::feedback_stale, Fault::stale_feedback},
+    Danger{"drive error", &Conditions::drive_error, Fault::drive_error},
+    Danger{"drive silent", &Conditions::drive_silent, Fault::drive_silent},
+    Danger{"drive left its armed state", &Conditions::drive_disarmed_itself, Fault::drive_left_armed_state},
+    Danger{"over speed", &Conditions::over_speed, Fault::over_speed},
+    Danger{"stop line", &Conditions::stop_line_active, Fault::emergency_stop_line},
+    Danger{"stop message", &Conditions::stop_message, Fault::emergency_stop_message},
+    Danger{"overrun", &Conditions::overrun, Fault::cycle_overrun},
+    Danger{"bus down", &Conditions::bus_down, Fault::bus_down},
+    Danger{"not finite", &Conditions::not_finite, Fault::internal_error},
+    Danger{"terminate", &Conditions::terminate, Fault::terminated},
+};
 
 }  // namespace
 
@@ -241,7 +238,7 @@ TEST_GROUP(SupervisorFaults){};
 
 TEST(SupervisorFaults, each_danger_stops_each_driving_mode_in_the_cycle_that_sees_it_and_names_itself) {
     for (Mode mode : kDrivingModes) {
-        for (const Danger& danger : dangers()) {
+        for (const Danger& danger : kDangers) {
             SupervisorConfig config;
             config.stops.terminate_ramps = false;
             Supervisor s = driving(mode, config);
@@ -272,7 +269,7 @@ TEST(SupervisorFaults, a_stale_set_point_stops_the_modes_that_have_one) {
 }
 
 TEST(SupervisorFaults, dangers_stop_arming_too_except_what_arming_mends) {
-    for (const Danger& danger : dangers()) {
+    for (const Danger& danger : kDangers) {
         Supervisor s = started();
         s.request(Mode::torque, healthy());
         s.step(healthy());
@@ -354,7 +351,7 @@ TEST(SupervisorFaults, a_configured_ramp_brakes_and_then_coasts) {
 }
 
 TEST(SupervisorFaults, a_ramp_gives_way_to_whatever_makes_braking_unsafe) {
-    for (const Danger& danger : dangers()) {
+    for (const Danger& danger : kDangers) {
         if (danger.fault == Fault::over_speed || danger.fault == Fault::cycle_overrun ||
             danger.fault == Fault::terminated || danger.fault == Fault::drive_silent ||
             danger.fault == Fault::drive_left_armed_state) {
@@ -403,7 +400,7 @@ TEST(SupervisorRandomWalk, whatever_happens_the_wheels_are_driven_only_with_perm
         c.drives_armed = s.wants_armed() && !chance(40);
         c.moving = chance(2);
         bool dangerous = false;
-        for (const Danger& danger : dangers()) {
+        for (const Danger& danger : kDangers) {
             if (chance(400)) {
                 c.*danger.what = true;
                 dangerous = true;
