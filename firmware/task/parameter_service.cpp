@@ -1,0 +1,77 @@
+#include "firmware/task/parameter_service.hpp"
+
+namespace wheelwright::task {
+namespace {
+
+ParameterService::Result result_of(model::ParameterStatus status) {
+    switch (status) {
+        case model::ParameterStatus::ok:
+            return ParameterService::Result::ok;
+        case model::ParameterStatus::unknown_index:
+            return ParameterService::Result::unknown_index;
+        case model::ParameterStatus::out_of_range:
+            return ParameterService::Result::out_of_range;
+        case model::ParameterStatus::not_finite:
+            return ParameterService::Result::not_finite;
+    }
+    return ParameterService::Result::unknown_index;
+}
+
+}  // namespace
+
+ParameterService::Result ParameterService::read(std::uint16_t index, double& value) const {
+    return result_of(model::read_parameter(live_, index, value));
+}
+
+ParameterService::Result ParameterService::stage(std::uint16_t index, double value) {
+    if (staged_count_ == 0) staged_ = live_;
+    double unused = 0;
+    if (const Result known = read(index, unused); known != Result::ok) return known;
+    const model::ChangeWhen when = model::changeable(index);
+    if (when == model::ChangeWhen::start) return Result::read_only;
+    if (staged_count_ == staged_list_.size()) return Result::not_now;
+    const Result result = result_of(model::write_parameter(staged_, index, value));
+    if (result != Result::ok) return result;
+    staged_list_[staged_count_++] = {index, value};
+    staged_needs_idle_ = staged_needs_idle_ || when == model::ChangeWhen::idle;
+    return Result::ok;
+}
+
+ParameterService::Result ParameterService::commit(bool idle) {
+    if (staged_count_ == 0) return Result::nothing_staged;
+    if (staged_needs_idle_ && !idle) return Result::not_now;
+    for (std::size_t i = 0; i < staged_count_; ++i) {
+        model::write_parameter(live_, staged_list_[i].index, staged_list_[i].value);
+        remember(staged_list_[i].index, staged_list_[i].value);
+    }
+    staged_count_ = 0;
+    staged_needs_idle_ = false;
+    changed_ = true;
+    return Result::ok;
+}
+
+ParameterService::Result ParameterService::discard() {
+    staged_count_ = 0;
+    staged_needs_idle_ = false;
+    return Result::ok;
+}
+
+ParameterService::Result ParameterService::save() {
+    return mailbox_.offer(since_load_) ? Result::save_started : Result::not_now;
+}
+
+void ParameterService::record(std::uint16_t index, double value) {
+    if (model::write_parameter(live_, index, value) == model::ParameterStatus::ok) remember(index, value);
+}
+
+void ParameterService::remember(std::uint16_t index, double value) {
+    for (std::size_t i = 0; i < since_load_.count; ++i) {
+        if (since_load_.items[i].index == index) {
+            since_load_.items[i].value = value;
+            return;
+        }
+    }
+    if (since_load_.count < kMaxChanged) since_load_.items[since_load_.count++] = {index, value};
+}
+
+}  // namespace wheelwright::task
