@@ -3,48 +3,18 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
-#include <string_view>
+
+#include "firmware/protocol/wheelwright_messages.hpp"
 
 namespace wheelwright::supervisor {
 
-enum class Mode : std::uint8_t { boot, idle, torque, ident, velocity, pose, trajectory, adaptive, fault };
-inline constexpr std::size_t kModeCount = 9;
-inline constexpr std::array<std::string_view, kModeCount> kModeNames{
-    "boot", "idle", "torque", "ident", "velocity", "pose", "trajectory", "adaptive", "fault"};
-
-enum class Fault : std::uint8_t {
-    none,
-    stale_feedback,
-    stale_command,
-    drive_error,
-    drive_left_armed_state,
-    over_speed,
-    emergency_stop_line,
-    emergency_stop_message,
-    cycle_overrun,
-    drive_silent,
-    arming_refused,
-    bus_down,
-    internal_error,
-    terminated,
-};
-
-// Why a requested mode is not entered.
-enum class Blocker : std::uint8_t {
-    none,
-    not_idle,
-    fault_latched,
-    drives_not_armed,
-    stop_line_active,
-    no_fresh_setpoint,
-    model_not_trusted,
-    pose_unknown,
-    watchdog_not_confirmed,
-    robot_moving,
-    unknown_mode,
-    design_refused,
-};
+// One home for the names and numbers: the value tables of wheelwright.dbc.
+using protocol::Blocker;  // why a requested mode is not entered
+using protocol::Fault;
+using protocol::Mode;
+inline constexpr std::size_t kModeCount = protocol::mode_values.size();
 
 // What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
 struct Conditions {
