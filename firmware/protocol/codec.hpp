@@ -1,4 +1,5 @@
-// What the headers generated from DBC files share. toolchain/dbc_codegen/generate.py writes one struct per message:
+// What the headers generated from DBC files share. toolchain/dbc_codegen/generate.py writes one struct per
+// message:
 //
 //     struct TorqueCommand {
 //         static constexpr std::string_view name, sender;     // as in the DBC
@@ -10,14 +11,16 @@
 //         double left_torque_Nm{};                            // one field per signal, in physical units
 //         static constexpr double left_torque_Nm_min, left_torque_Nm_max, left_torque_Nm_step;
 //
-//         // Writes `length` bytes to the front of `out`; on any error writes nothing. A value is in range when
+//         // Writes `length` bytes to the front of `out`; on any error writes nothing. A value is in range
+//         when
 //         // the nearest representable one is; exact ties are rounded away from zero.
 //         constexpr CodecStatus encode(std::span<std::uint8_t> out) const;
 //
 //         // Reads a whole frame; on any error leaves `out` as it was. Bits no signal covers are ignored.
 //         static constexpr CodecStatus decode(std::span<const std::uint8_t> bytes, TorqueCommand& out);
 //
-//         // Brings each scaled field into its range; true when one was outside. For telemetry, which is better
+//         // Brings each scaled field into its range; true when one was outside. For telemetry, which is
+//         better
 //         // at its limit than missing. Not finite values stay, and encode refuses them.
 //         constexpr bool saturate();                          // only where there is something to saturate
 //
@@ -26,9 +29,9 @@
 //         static constexpr void for_each_field(Self& self, Visitor&& visit);
 //     };
 //
-// for each value table an enum class with <name>_values, is_known() and to_string_view(), and for all messages
-// AllMessages (a type list) and all_messages (a table).
-// Nothing here allocates, throws, blocks or has state. Cost: a few instructions per signal, no loops.
+// for each value table an enum class with <name>_values, is_known() and to_string_view(), and for all
+// messages AllMessages (a type list) and all_messages (a table). Nothing here allocates, throws, blocks or
+// has state. Cost: a few instructions per signal, no loops.
 #pragma once
 
 #include <bit>
