@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "firmware/model/robot_parameters.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
 
 namespace wheelwright::task {
 
@@ -64,17 +65,7 @@ class SaveMailbox {
 
 class ParameterService {
   public:
-    enum class Result : std::uint8_t {
-        ok,
-        unknown_index,
-        out_of_range,
-        not_finite,
-        read_only,
-        not_now,
-        nothing_staged,
-        save_failed,
-        save_started,
-    };
+    using Result = protocol::ParameterResult;
 
     // `live` outlives the service; only commit() and record() write to it.
     ParameterService(model::RobotParameters& live, SaveMailbox& mailbox) : live_(live), mailbox_(mailbox) {}

@@ -1,0 +1,95 @@
+// The host's side of the bus: takes command frames apart, guards them, and keeps the latest of each kind with
+// its time. What is wrong with a frame is counted by cause, and the frame then changes nothing.
+//
+// Threads: the cycle's. No call allocates, blocks or throws.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/model/types.hpp"
+#include "firmware/protocol/command_guard.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
+#include "firmware/supervisor/modes.hpp"
+#include "hal/can_bus.hpp"
+
+namespace wheelwright::task {
+
+// A set-point with the time its frame was received; never received: `received` is false.
+template <typename T>
+struct Setpoint {
+    T value{};
+    std::int64_t time_ns = 0;
+    bool received = false;
+
+    void put(const T& fresh, std::int64_t now_ns) {
+        value = fresh;
+        time_ns = now_ns;
+        received = true;
+    }
+};
+
+struct StreamedReference {
+    Pose<double> pose;
+    Twist<double> twist;
+};
+
+struct PoseGoal {
+    Pose<double> pose;
+    model::GoalDirection direction = model::GoalDirection::forward;
+};
+
+// What arrived since the last cycle, once each. The rest of HostLink is the latest state.
+struct HostEvents {
+    std::optional<supervisor::Mode> mode;
+    std::optional<protocol::TrajectoryCommand> trajectory;
+    std::optional<protocol::IdentSettings> ident;
+    bool clear_fault = false;
+    bool stop = false;
+    bool external_pose = false;  // a new value stands in HostLink::external_pose
+    std::array<protocol::ParameterRequest, 8> parameters;
+    std::size_t parameter_count = 0;
+};
+
+class HostLink {
+  public:
+    using Cause = protocol::CounterCause;
+
+    // Offers one received frame; true when its identifier is one of the firmware's commands.
+    bool accept(const hal::ReceivedFrame& received);
+
+    // Forgets the events of the cycle before.
+    void begin_cycle() { events_ = {}; }
+
+    const HostEvents& events() const { return events_; }
+
+    Setpoint<WheelPair<double>> torque_Nm;
+    Setpoint<Twist<double>> velocity;
+    Setpoint<PoseGoal> goal;
+    Setpoint<StreamedReference> streamed;
+    Setpoint<Pose<double>> external_pose;
+
+    // A mode's set-points begin anew when the mode is entered: what came before does not count.
+    void forget_setpoints();
+
+    void count(Cause cause, std::uint32_t amount = 1) { counters_[std::size_t(cause)] += amount; }
+    void set_counter(Cause cause, std::uint32_t value) { counters_[std::size_t(cause)] = value; }
+    std::uint32_t counter(Cause cause) const { return counters_[std::size_t(cause)]; }
+
+  private:
+    template <typename Message>
+    bool take(const hal::ReceivedFrame& received, Message& out);
+
+    HostEvents events_;
+    std::array<std::uint32_t, 16> counters_{};
+    protocol::CommandGuard guard_;
+    // A streamed pose waits for the velocities with the same alive counter.
+    Pose<double> half_pose_{};
+    static constexpr std::uint8_t kNoHalf = 15;
+    std::uint8_t half_alive_ = kNoHalf;
+};
+
+}  // namespace wheelwright::task
