@@ -1,0 +1,86 @@
+// What the firmware tells the host: each telemetry message at its cycle time of the DBC, at most one frame in
+// a cycle, so that the bus is never flooded and the torques' phase is never disturbed. Replies to parameter
+// requests go first. A message that waits for longer than its own period is counted as deferred, and sent
+// when its turn comes; nothing is dropped but a reply that finds the reply queue full, which is counted too.
+//
+// Threads: the cycle's. No call allocates, blocks or throws.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/model/types.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
+#include "hal/can_bus.hpp"
+
+namespace wheelwright::task {
+
+// An effect parameter as the estimator sees it now.
+struct EffectReport {
+    std::uint16_t index = 0;  // model::effect_index
+    double value = 0;
+    double standard_error = 0;
+};
+
+// A snapshot of one cycle: all that telemetry speaks of.
+struct CycleReport {
+    protocol::Status status;
+    WheelPair<double> wheel_speed_rad_per_s;
+    WheelPair<double> torque_Nm;  // commanded, after all limits
+    Pose<double> pose;
+    Twist<double> twist;
+    Twist<double> reference;
+    Pose<double> tracking_error;  // x: along, y: across, in the reference's frame
+    model::Dynamics<double> estimate;
+    model::Dynamics<double> standard_error;
+    model::Dynamics<double> covariance;  // bare diagonal of P
+    std::array<EffectReport, model::kMaxColumns> effects;
+    std::size_t effect_count = 0;
+    protocol::IdentStatus ident;
+    protocol::Timing timing;
+    protocol::BusLoad bus_load;
+    protocol::LoopDesign design;
+    std::array<std::uint32_t, 16> counters{};
+};
+
+class Telemetry {
+  public:
+    using Frame = hal::CanFrame;
+
+    Telemetry();
+
+    void reply(const protocol::ParameterReply& reply);
+
+    // Fills `out` with the frame to send in this cycle; false: none is due. `cycle` counts up by one in each
+    // call.
+    bool next(std::uint64_t cycle, const CycleReport& report, Frame& out);
+
+    std::uint32_t deferred() const { return deferred_; }
+    std::uint32_t replies_lost() const { return replies_lost_; }
+
+  private:
+    struct Slot {
+        std::uint32_t id;
+        std::uint32_t period_cycles;
+        std::uint64_t due;
+    };
+    static constexpr std::size_t kSlots = 18;
+
+    bool build(std::uint32_t id, const CycleReport& report, Frame& out);
+
+    std::array<Slot, kSlots> slots_;
+    std::array<protocol::ParameterReply, 16> replies_{};
+    std::size_t reply_head_ = 0;
+    std::size_t reply_count_ = 0;
+    std::uint32_t deferred_ = 0;
+    std::uint32_t replies_lost_ = 0;
+    std::size_t counter_turn_ = 0;
+    std::size_t effect_turn_ = 0;
+    std::size_t effect_error_turn_ = 0;
+    std::uint8_t alive_ = 0;
+};
+
+}  // namespace wheelwright::task
