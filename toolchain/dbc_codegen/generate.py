@@ -55,7 +55,7 @@ UNIT_SUFFIXES = {
     "s4/rad4": "s4_per_rad4",
     "us": "us",
 }
-FLOAT_MAX = 3.4e38  # a range of +-this or more leaves only "finite" to check
+FLOAT_MAX = decimal.Decimal("3.4028234663852886e38")  # a range of +-this leaves only "finite" to check
 CPP_WORDS = set(keyword.kwlist) | set(
     "auto bool break case catch char class concept const consteval constexpr constinit continue decltype default "
     "delete do double else enum explicit export extern false float for friend goto if inline int long mutable "
@@ -479,10 +479,6 @@ def generate(path, namespace, id_name, errors):
     database = load(path, errors)
     if database is None:
         return ""
-    # canmatrix leaves each signal's own multiplexor value in `multiplex`; keep the plain number beside it.
-    for frame in database.frames:
-        for signal in frame.signals:
-            signal.mux_val = signal.multiplex if isinstance(signal.multiplex, int) else None
     enums = {name: {int(k): v for k, v in table.items()} for name, table in database.value_tables.items()}
     for name, table in enums.items():
         twins = [n for n, t in enums.items() if t == table and n < name]
