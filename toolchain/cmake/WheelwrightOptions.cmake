@@ -1,0 +1,27 @@
+# Compiler flags for every target of the project. `wheelwright_options` carries warnings and the sanitizers;
+# `wheelwright_core_options` adds what the portable core must live without.
+add_library(wheelwright_options INTERFACE)
+target_compile_options(wheelwright_options INTERFACE
+    -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Werror)
+target_include_directories(wheelwright_options INTERFACE
+    ${CMAKE_SOURCE_DIR} ${CMAKE_BINARY_DIR}/generated)
+if(WHEELWRIGHT_SANITIZE)
+    target_compile_options(wheelwright_options INTERFACE
+        -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer)
+    target_link_options(wheelwright_options INTERFACE -fsanitize=address,undefined)
+endif()
+
+add_library(wheelwright_core_options INTERFACE)
+target_link_libraries(wheelwright_core_options INTERFACE wheelwright_options)
+target_compile_options(wheelwright_core_options INTERFACE
+    $<$<COMPILE_LANGUAGE:CXX>:-fno-exceptions -fno-rtti>)
+
+find_program(WHEELWRIGHT_CCACHE ccache)
+if(WHEELWRIGHT_CCACHE)
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${WHEELWRIGHT_CCACHE})
+endif()
+
+# Eigen is a SYSTEM include, so that our warnings stay ours.
+find_path(WHEELWRIGHT_EIGEN_DIR Eigen/Core PATH_SUFFIXES eigen3 REQUIRED)
+add_library(wheelwright_eigen INTERFACE)
+target_include_directories(wheelwright_eigen SYSTEM INTERFACE ${WHEELWRIGHT_EIGEN_DIR})
