@@ -124,6 +124,8 @@ const std::array kTable{
     WW_REAL(0x00D5, pose_control.stop_radius_m, "m", 0.004, 0.0005, 0.1, idle, "distance at which the goal's position is reached"),
     WW_REAL(0x00D6, pose_control.rearm_radius_m, "m", 0.009, 0.001, 0.2, idle, "distance at which a reached goal is pursued again"),
     WW_REAL(0x00D7, pose_control.heading_tolerance_rad, "rad", 0.005, 0.0005, 0.2, idle, "heading error at which the goal's heading is reached"),
+    WW_REAL(0x00D8, pose_control.acceleration_m_per_s2, "m/s^2", 2.0, 0.01, 200.0, idle, "largest rate of change of the speed towards a pose goal"),
+    WW_REAL(0x00D9, pose_control.yaw_acceleration_rad_per_s2, "rad/s^2", 12.0, 0.01, 2000.0, idle, "largest rate of change of the yaw rate towards a pose goal"),
 
     WW_REAL(0x00E0, trajectory.along_gain_per_s, "1/s", 3.0, 0.05, 20.0, idle, "gain on the error along the path"),
     WW_REAL(0x00E1, trajectory.across_gain_per_m2, "1/m^2", 9.0, 0.05, 100.0, idle, "gain on the error across the path, per distance driven"),
@@ -146,6 +148,7 @@ const std::array kTable{
     WW_REAL(0x0103, odometry.gate_sigma, "", 6.0, 2.0, 100.0, idle, "innovation, in standard deviations, above which an external pose is doubted"),
     WW_REAL(0x0104, odometry.distance_noise_per_m, "", 0.01, 1e-5, 1.0, idle, "odometry error per distance driven"),
     WW_REAL(0x0105, odometry.turn_noise_per_rad, "", 0.01, 1e-5, 1.0, idle, "odometry error per angle turned"),
+    WW_BOOLEAN(0x0106, odometry.calibrate, 1, idle, "estimate the odometry's scale errors from external poses"),
 
     WW_INTEGER(0x0110, lines.emergency_stop, "", -1, -1, 1023, start, "line of the emergency-stop input; -1: none"),
     WW_INTEGER(0x0111, lines.drive_enable, "", -1, -1, 1023, start, "line of the drive-enable output; -1: none"),

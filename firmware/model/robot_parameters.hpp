@@ -80,7 +80,7 @@ struct RobotParameters {
     } velocity_loop{};
     struct {
         double gamma1, gamma2, lambda_ratio, speed_m_per_s, yaw_rate_rad_per_s, stop_radius_m, rearm_radius_m,
-            heading_tolerance_rad;
+            heading_tolerance_rad, acceleration_m_per_s2, yaw_acceleration_rad_per_s2;
     } pose_control{};
     struct {
         double along_gain_per_s, across_gain_per_m2, heading_gain_per_m, length_m, width_m, period_s;
@@ -92,6 +92,7 @@ struct RobotParameters {
     struct {
         double external_pose_noise_m, external_heading_noise_rad, external_pose_delay_s, gate_sigma,
             distance_noise_per_m, turn_noise_per_rad;
+        bool calibrate;
     } odometry{};
     struct {
         std::int32_t emergency_stop, drive_enable;  // line offsets on the chip; -1: not connected

@@ -1,0 +1,88 @@
+// Feedback linearisation, eq (61)-(64): the torque that makes u' = nu, with the catalogue's effects
+// compensated. Works with any set of active effects; cost about 60 instructions and 20 per active effect.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+#include "firmware/model/robot_parameters.hpp"
+
+namespace wheelwright::control {
+
+// What the controllers know of the robot. K7 and K8 must not be zero.
+template <typename Real>
+struct PlantModel {
+    model::Geometry<Real> geometry;
+    model::Dynamics<Real> dynamics;
+    model::EffectSet<Real> effects;
+};
+
+template <typename Real>
+PlantModel<Real> plant_model(const model::RobotParameters& from) {
+    PlantModel<Real> to;
+    to.geometry.wheel_radius_m = {Real(from.geometry.wheel_radius_m.left),
+                                  Real(from.geometry.wheel_radius_m.right)};
+    to.geometry.track_m = Real(from.geometry.track_m);
+    to.dynamics = {Real(from.dynamics.k5_m), Real(from.dynamics.k6_per_m), Real(from.dynamics.k7_per_kg_m),
+                   Real(from.dynamics.k8_per_kg_m2)};
+    to.effects.active = from.effects.active;
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        for (std::size_t j = 0; j < model::kMaxEffectParameters; ++j) {
+            to.effects.parameter[i][j] = Real(from.effects.parameter[i][j]);
+        }
+    }
+    return to;
+}
+
+// Dry friction is compensated by the sign of the *reference* speed, softened over kSoftSpeed, because a sign
+// of the measured speed chatters at rest; measured speed joins in where it is beyond doubt (kSureSpeed), so
+// that a braking wheel is not told to push against a friction that already brakes it. Both in rad/s.
+inline constexpr double kSoftSpeed = 0.04;
+inline constexpr double kSureSpeed = 0.15;
+
+// The torque that the effects are expected to add to the wheels.
+template <typename Real>
+constexpr WheelPair<Real> expected_effect_torque_Nm(const PlantModel<Real>& plant,
+                                                    const model::Motion<Real>& measured,
+                                                    const Twist<Real>& reference) {
+    const WheelPair<Real> reference_speed = model::wheel_speeds_from_twist(plant.geometry, reference);
+    WheelPair<Real> total{};
+    model::for_each_column(
+        plant.effects, measured, [&](std::size_t i, unsigned j, const WheelPair<Real>& column, bool dry) {
+            Real amount = plant.effects.parameter[i][j];
+            if (dry) {
+                const Real sliding = model::sliding_speed(column, measured.wheel_speed_rad_per_s);
+                const Real sure = sliding - std::clamp(sliding, Real(-kSureSpeed), Real(kSureSpeed));
+                const Real asked = model::sliding_speed(column, reference_speed);
+                amount *= -std::clamp((asked + sure) / Real(kSoftSpeed), Real(-1), Real(1));
+            }
+            total.left += amount * column.left;
+            total.right += amount * column.right;
+        });
+    return total;
+}
+
+// Wheel torques for the acceleration nu, eq (62). Not limited.
+template <typename Real>
+constexpr WheelPair<Real> linearising_torque_Nm(const PlantModel<Real>& plant,
+                                                const model::Motion<Real>& measured,
+                                                const Twist<Real>& reference, const TwistRate<Real>& nu) {
+    const WheelPair<Real> total = model::inverse_dynamics(plant.dynamics, measured.twist, nu);
+    const WheelPair<Real> effects = expected_effect_torque_Nm(plant, measured, reference);
+    return {total.left - effects.left, total.right - effects.right};
+}
+
+// The acceleration nu that a torque stands for: the inverse of linearising_torque_Nm().
+template <typename Real>
+constexpr TwistRate<Real> linearised_acceleration(const PlantModel<Real>& plant,
+                                                  const model::Motion<Real>& measured,
+                                                  const Twist<Real>& reference,
+                                                  const WheelPair<Real>& torque_Nm) {
+    const WheelPair<Real> effects = expected_effect_torque_Nm(plant, measured, reference);
+    return model::acceleration(plant.dynamics, measured.twist,
+                               {torque_Nm.left + effects.left, torque_Nm.right + effects.right});
+}
+
+}  // namespace wheelwright::control

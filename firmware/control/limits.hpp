@@ -1,0 +1,119 @@
+// Limits on what is commanded, and the names of the limiters for telemetry. All functions are pure, a few
+// tens of instructions, and never enlarge a command. Limits are positive; a non-positive limit means zero.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <string_view>
+
+#include "firmware/control/reference.hpp"
+#include "firmware/model/types.hpp"
+
+namespace wheelwright::control {
+
+// What is limiting now; numbers are bits of LimiterFlags and of the telemetry's value.
+enum class Limiter : std::uint8_t {
+    torque_sum,         // forward acceleration gets less torque than it asked for
+    torque_difference,  // yaw acceleration gets less torque than it asked for
+    speed,              // commanded speed is scaled (jointly with the yaw rate)
+    yaw_rate,           // commanded yaw rate is scaled (jointly with the speed)
+    acceleration,       // the change of the commanded speed is limited
+    yaw_acceleration,   // the change of the commanded yaw rate is limited
+};
+inline constexpr std::array<std::string_view, 6> kLimiterNames{
+    "torque_sum", "torque_difference", "speed", "yaw_rate", "acceleration", "yaw_acceleration"};
+
+struct LimiterFlags {
+    std::uint8_t bits = 0;
+
+    constexpr void set(Limiter which) { bits = static_cast<std::uint8_t>(bits | (1U << unsigned(which))); }
+    constexpr bool has(Limiter which) const { return (bits >> unsigned(which) & 1U) != 0; }
+    constexpr void add(LimiterFlags other) { bits = static_cast<std::uint8_t>(bits | other.bits); }
+};
+
+// Scales speed and yaw rate by one factor, so that both lie within their limits and the curvature of the
+// path, omega / v, is kept.
+template <typename Real>
+constexpr Twist<Real> scale_jointly(const Twist<Real>& wanted, Real speed_limit_m_per_s,
+                                    Real yaw_rate_limit_rad_per_s, LimiterFlags& flags) {
+    const Real v = std::abs(wanted.v_m_per_s);
+    const Real w = std::abs(wanted.omega_rad_per_s);
+    const Real v_limit = std::max(speed_limit_m_per_s, Real(0));
+    const Real w_limit = std::max(yaw_rate_limit_rad_per_s, Real(0));
+    if (v <= v_limit && w <= w_limit) return wanted;
+    const Real by_speed = v > v_limit ? v_limit / v : Real(1);
+    const Real by_yaw = w > w_limit ? w_limit / w : Real(1);
+    flags.set(by_speed <= by_yaw ? Limiter::speed : Limiter::yaw_rate);
+    const Real factor = std::min(by_speed, by_yaw);
+    return {std::clamp(wanted.v_m_per_s * factor, -v_limit, v_limit),
+            std::clamp(wanted.omega_rad_per_s * factor, -w_limit, w_limit)};
+}
+
+// Keeps both wheel torques within +-limit. In terms of s = right + left and d = right - left the limit is
+// |s| + |d| <= 2 limit. Priority: turning first, for it keeps the robot on its path, but the sum keeps at
+// least `kSumShare` of the whole if it asks for that much. Neither changes its sign.
+inline constexpr double kSumShare = 0.3;
+
+template <typename Real>
+constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, Real limit_Nm, LimiterFlags& flags) {
+    const Real whole = 2 * std::max(limit_Nm, Real(0));
+    const Real sum = wanted_Nm.sum();
+    const Real difference = wanted_Nm.difference();
+    const Real sum_size = std::abs(sum);
+    const Real difference_size = std::abs(difference);
+    if (sum_size + difference_size <= whole) return wanted_Nm;
+    const Real kept_for_sum = std::min(sum_size, Real(kSumShare) * whole);
+    const Real d = std::min(difference_size, whole - kept_for_sum);
+    const Real s = std::min(sum_size, whole - d);
+    if (d < difference_size) flags.set(Limiter::torque_difference);
+    if (s < sum_size) flags.set(Limiter::torque_sum);
+    const Real signed_s = std::copysign(s, sum);
+    const Real signed_d = std::copysign(d, difference);
+    const Real half = whole / 2;  // rounding must not leave the limit
+    return {std::clamp((signed_s - signed_d) / 2, -half, half),
+            std::clamp((signed_s + signed_d) / 2, -half, half)};
+}
+
+// Moves a commanded twist towards a target no faster than two accelerations allow. Speed and yaw rate move
+// by the same share of their ways, so a target of the same curvature is reached without leaving the path.
+// The result lies between the last command and the target on both axes, whatever their signs.
+template <typename Real>
+class TwistRateLimiter {
+  public:
+    // Accelerations in m/s^2 and rad/s^2.
+    void configure(Real acceleration, Real yaw_acceleration) {
+        acceleration_ = std::max(acceleration, Real(0));
+        yaw_acceleration_ = std::max(yaw_acceleration, Real(0));
+    }
+
+    void reset(const Twist<Real>& now) { now_ = now; }
+    const Twist<Real>& now() const { return now_; }
+
+    const Twist<Real>& step(const Twist<Real>& target, Real dt_s, LimiterFlags& flags) {
+        const Real dv = target.v_m_per_s - now_.v_m_per_s;
+        const Real dw = target.omega_rad_per_s - now_.omega_rad_per_s;
+        const Real v_step = acceleration_ * dt_s;
+        const Real w_step = yaw_acceleration_ * dt_s;
+        if (std::abs(dv) <= v_step && std::abs(dw) <= w_step) {
+            now_ = target;
+            return now_;
+        }
+        const Real by_v = std::abs(dv) > v_step ? v_step / std::abs(dv) : Real(1);
+        const Real by_w = std::abs(dw) > w_step ? w_step / std::abs(dw) : Real(1);
+        flags.set(by_v <= by_w ? Limiter::acceleration : Limiter::yaw_acceleration);
+        const Real share = std::min(by_v, by_w);
+        now_.v_m_per_s += dv * share;
+        now_.omega_rad_per_s += dw * share;
+        return now_;
+    }
+
+  private:
+    Twist<Real> now_;
+    Real acceleration_{};
+    Real yaw_acceleration_{};
+};
+
+}  // namespace wheelwright::control

@@ -1,0 +1,123 @@
+// Follows a moving reference point: feed-forward of its velocities and accelerations, and feedback on the
+// error in the robot's frame, with gains per distance driven, so that the shape of convergence does not
+// depend on speed:
+//
+//   v     = v_r cos(e_h) + k_along e_x
+//   omega = omega_r + k_across v_r sinc(e_h) e_y + k_heading speed e_h
+//
+// (Kanayama, Kimura, Miyazaki, Noguchi 1990; Samson 1993.) e_x, e_y, e_h: reference less robot in the robot's
+// frame. speed is |v_r| with a floor that grows with the yaw rate, so that a spin keeps its heading.
+//
+// Far from the path the position error is shortened, keeping its direction, to catch_up_m: the robot then
+// steers towards the path at a bounded angle and overtakes at a bounded speed, and the law takes over as it
+// is without a switch. Commands are scaled jointly to the limits and limited in acceleration.
+//
+// One thread; no allocation; about 300 instructions.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware/control/limits.hpp"
+#include "firmware/control/pose_control.hpp"
+#include "firmware/control/reference.hpp"
+#include "firmware/model/robot_parameters.hpp"
+
+namespace wheelwright::control {
+
+template <typename Real>
+struct TrackingSettings {
+    Real along_gain_per_s{};
+    Real across_gain_per_m2{};
+    Real heading_gain_per_m{};
+    Real catch_up_m{};  // position errors count for no more than this
+    Real speed_m_per_s{};
+    Real yaw_rate_rad_per_s{};
+    Real acceleration_m_per_s2{};
+    Real yaw_acceleration_rad_per_s2{};
+};
+
+// Settings from the robot file. Accelerations are also kept within what the torque limit can give: half of it
+// for speed and half for yaw, so that both can be had at once.
+template <typename Real>
+TrackingSettings<Real> tracking_settings(const model::RobotParameters& from) {
+    const auto& t = from.trajectory;
+    const double torque = from.limits.torque_Nm;
+    TrackingSettings<Real> to;
+    to.along_gain_per_s = Real(t.along_gain_per_s);
+    to.across_gain_per_m2 = Real(t.across_gain_per_m2);
+    to.heading_gain_per_m = Real(t.heading_gain_per_m);
+    to.catch_up_m = Real(0.7 * t.heading_gain_per_m / t.across_gain_per_m2);
+    to.speed_m_per_s = Real(from.limits.speed_m_per_s);
+    to.yaw_rate_rad_per_s = Real(from.limits.yaw_rate_rad_per_s);
+    to.acceleration_m_per_s2 =
+        Real(std::min(from.limits.acceleration_m_per_s2, from.dynamics.k7_per_kg_m * torque));
+    to.yaw_acceleration_rad_per_s2 =
+        Real(std::min(from.limits.yaw_acceleration_rad_per_s2, from.dynamics.k8_per_kg_m2 * torque));
+    return to;
+}
+
+template <typename Real>
+struct TrackingCommand {
+    VelocityReference<Real> reference;
+    Real along_m{};  // reference less robot, in the robot's frame
+    Real across_m{};
+    Real heading_rad{};
+    bool catching_up = false;  // the position error is beyond catch_up_m
+    LimiterFlags flags;
+};
+
+template <typename Real>
+class TrajectoryTracker {
+  public:
+    void configure(const TrackingSettings<Real>& settings) {
+        settings_ = settings;
+        limiter_.configure(settings.acceleration_m_per_s2, settings.yaw_acceleration_rad_per_s2);
+    }
+
+    // The commanded twist starts at the robot's present one.
+    void start(const Twist<Real>& present) { limiter_.reset(present); }
+
+    TrackingCommand<Real> update(const ReferencePoint<Real>& reference, const Pose<Real>& robot, Real dt_s) {
+        TrackingCommand<Real> out;
+        const Real c = std::cos(robot.heading_rad);
+        const Real s = std::sin(robot.heading_rad);
+        const Real dx = reference.pose.x_m - robot.x_m;
+        const Real dy = reference.pose.y_m - robot.y_m;
+        const Real heading = wrap_angle_rad(reference.pose.heading_rad - robot.heading_rad);
+        out.along_m = c * dx + s * dy;
+        out.across_m = c * dy - s * dx;
+        out.heading_rad = heading;
+        const Real distance = std::sqrt(dx * dx + dy * dy);
+        out.catching_up = distance > settings_.catch_up_m;
+        const Real shorten = out.catching_up ? settings_.catch_up_m / distance : Real(1);
+
+        const Real v_r = reference.twist.v_m_per_s;
+        const Real w_r = reference.twist.omega_rad_per_s;
+        const Real pace = std::abs(v_r) + Real(0.1) * std::abs(w_r) + Real(0.05);
+        const Real sine = std::sin(heading);
+        Twist<Real> wanted{
+            v_r * std::cos(heading) + settings_.along_gain_per_s * shorten * out.along_m,
+            w_r +
+                settings_.across_gain_per_m2 * v_r * sine_over_angle(heading, sine) * shorten * out.across_m +
+                settings_.heading_gain_per_m * pace * heading};
+        wanted = scale_jointly(wanted, settings_.speed_m_per_s, settings_.yaw_rate_rad_per_s, out.flags);
+        const Twist<Real> before = limiter_.now();
+        LimiterFlags slow;
+        out.reference.twist = limiter_.step(wanted, dt_s, slow);
+        out.flags.add(slow);
+        if (slow.bits == 0) {
+            out.reference.rate = reference.rate;
+        } else {
+            out.reference.rate = {(out.reference.twist.v_m_per_s - before.v_m_per_s) / dt_s,
+                                  (out.reference.twist.omega_rad_per_s - before.omega_rad_per_s) / dt_s};
+        }
+        return out;
+    }
+
+  private:
+    TrackingSettings<Real> settings_;
+    TwistRateLimiter<Real> limiter_;
+};
+
+}  // namespace wheelwright::control

@@ -1,0 +1,148 @@
+// The two velocity loops of Fig. 18 with two degrees of freedom, for speed and yaw rate, on the plant that
+// feedback linearisation has made an integrator:
+//
+//   r'     = r + lead * rate                              feed-forward: no lag behind a ramp
+//   nu     = Kp (b r' - y) + I
+//   I     += T Ki (r' - y) - kappa (nu - nu_applied)      back-calculation on the applied torque
+//
+// loop_design.hpp chooses b and kappa so that the slow pole, which an integrator brings, is driven neither by
+// the reference nor by saturation: b Kp kappa = T Ki. So there is no overshoot to wait for.
+//
+// One object per robot; one thread; no allocation. update(): about 250 instructions.
+#pragma once
+
+#include "firmware/control/feedback_linearisation.hpp"
+#include "firmware/control/limits.hpp"
+#include "firmware/control/reference.hpp"
+
+namespace wheelwright::control {
+
+template <typename Real>
+struct LoopGains {
+    Real kp_per_s{};
+    Real ki_per_s2{};
+    Real setpoint_weight = 1;   // b, share of the reference in the proportional term
+    Real tracking_per_cycle{};  // kappa, back-calculation
+    Real lead_s{};              // feed-forward of the reference's rate
+};
+
+template <typename Real>
+struct VelocityLoopSettings {
+    LoopGains<Real> gains;  // both axes: after linearisation they are the same plant
+    Real torque_limit_Nm{};
+    Real cycle_s{};
+};
+
+template <typename Real>
+class VelocityLoop {
+  public:
+    // Takes new settings; while running the torque does not jump, for the integrators absorb the change.
+    void configure(const VelocityLoopSettings<Real>& settings) {
+        const LoopGains<Real>& old = settings_.gains;
+        const LoopGains<Real>& next = settings.gains;
+        if (running_) {
+            integral_.v_m_per_s2 +=
+                proportional(old, last_.twist.v_m_per_s, last_.rate.v_m_per_s2, last_speed_.v_m_per_s) -
+                proportional(next, last_.twist.v_m_per_s, last_.rate.v_m_per_s2, last_speed_.v_m_per_s);
+            integral_.omega_rad_per_s2 +=
+                proportional(old, last_.twist.omega_rad_per_s, last_.rate.omega_rad_per_s2,
+                             last_speed_.omega_rad_per_s) -
+                proportional(next, last_.twist.omega_rad_per_s, last_.rate.omega_rad_per_s2,
+                             last_speed_.omega_rad_per_s);
+        }
+        settings_ = settings;
+    }
+
+    // Starts from the torque now at the wheels, without a bump: with the reference at the present speed the
+    // first update returns this torque. Move the reference away from there by a rate limiter, or step it.
+    void start(const PlantModel<Real>& plant, const model::Motion<Real>& measured,
+               const WheelPair<Real>& torque_Nm) {
+        const TwistRate<Real> nu = linearised_acceleration(plant, measured, measured.twist, torque_Nm);
+        const LoopGains<Real>& g = settings_.gains;
+        integral_.v_m_per_s2 =
+            nu.v_m_per_s2 - proportional(g, measured.twist.v_m_per_s, Real(0), measured.twist.v_m_per_s);
+        integral_.omega_rad_per_s2 =
+            nu.omega_rad_per_s2 -
+            proportional(g, measured.twist.omega_rad_per_s, Real(0), measured.twist.omega_rad_per_s);
+        last_ = {measured.twist, {}};
+        last_speed_ = measured.twist;
+        last_torque_ = torque_Nm;
+        running_ = true;
+    }
+
+    void stop() {
+        running_ = false;
+        integral_ = {};
+        last_torque_ = {};
+        flags_ = {};
+    }
+
+    // The wheel torques for this cycle, within the limit. flags() names what limited them.
+    WheelPair<Real> update(const PlantModel<Real>& plant, const model::Motion<Real>& measured,
+                           const VelocityReference<Real>& reference) {
+        const LoopGains<Real>& g = settings_.gains;
+        const Twist<Real>& y = measured.twist;
+        const Twist<Real> led{reference.twist.v_m_per_s + g.lead_s * reference.rate.v_m_per_s2,
+                              reference.twist.omega_rad_per_s + g.lead_s * reference.rate.omega_rad_per_s2};
+        const TwistRate<Real> nu{
+            g.kp_per_s * (g.setpoint_weight * led.v_m_per_s - y.v_m_per_s) + integral_.v_m_per_s2,
+            g.kp_per_s * (g.setpoint_weight * led.omega_rad_per_s - y.omega_rad_per_s) +
+                integral_.omega_rad_per_s2};
+        const WheelPair<Real> wanted = linearising_torque_Nm(plant, measured, reference.twist, nu);
+        flags_ = {};
+        const WheelPair<Real> torque = limit_torque(wanted, settings_.torque_limit_Nm, flags_);
+        const Real ki_t = g.ki_per_s2 * settings_.cycle_s;
+        integral_.v_m_per_s2 += ki_t * (led.v_m_per_s - y.v_m_per_s);
+        integral_.omega_rad_per_s2 += ki_t * (led.omega_rad_per_s - y.omega_rad_per_s);
+        track(plant, wanted, torque);
+        last_ = reference;
+        last_speed_ = y;
+        last_torque_ = torque;
+        running_ = true;
+        return torque;
+    }
+
+    // Tells that another torque than update()'s was sent; call it in the same cycle. The integrators follow.
+    void applied(const PlantModel<Real>& plant, const WheelPair<Real>& torque_Nm) {
+        track(plant, last_torque_, torque_Nm);
+        last_torque_ = torque_Nm;
+    }
+
+    // Tells that the plant's model changes from `before` to `after`: the torque of the last update would be
+    // the same again. Call between updates, with the motion of the last one.
+    void change_model(const PlantModel<Real>& before, const PlantModel<Real>& after,
+                      const model::Motion<Real>& measured) {
+        if (!running_) return;
+        const TwistRate<Real> was = linearised_acceleration(before, measured, last_.twist, last_torque_);
+        const TwistRate<Real> is = linearised_acceleration(after, measured, last_.twist, last_torque_);
+        integral_.v_m_per_s2 += is.v_m_per_s2 - was.v_m_per_s2;
+        integral_.omega_rad_per_s2 += is.omega_rad_per_s2 - was.omega_rad_per_s2;
+    }
+
+    bool running() const { return running_; }
+    LimiterFlags flags() const { return flags_; }
+    const TwistRate<Real>& integral() const { return integral_; }
+    const VelocityLoopSettings<Real>& settings() const { return settings_; }
+
+  private:
+    static Real proportional(const LoopGains<Real>& g, Real reference, Real rate, Real y) {
+        return g.kp_per_s * (g.setpoint_weight * (reference + g.lead_s * rate) - y);
+    }
+
+    void track(const PlantModel<Real>& plant, const WheelPair<Real>& wanted, const WheelPair<Real>& given) {
+        const Real kappa = settings_.gains.tracking_per_cycle;
+        integral_.v_m_per_s2 -= kappa * plant.dynamics.k7_per_kg_m * (wanted.sum() - given.sum());
+        integral_.omega_rad_per_s2 -=
+            kappa * plant.dynamics.k8_per_kg_m2 * (wanted.difference() - given.difference());
+    }
+
+    VelocityLoopSettings<Real> settings_;
+    TwistRate<Real> integral_;
+    VelocityReference<Real> last_;
+    Twist<Real> last_speed_;
+    WheelPair<Real> last_torque_;
+    LimiterFlags flags_;
+    bool running_ = false;
+};
+
+}  // namespace wheelwright::control

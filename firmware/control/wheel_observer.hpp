@@ -1,0 +1,286 @@
+// Speed and angle of both wheels at the cycle's instant, from encoder positions that arrive at each drive's
+// own phase.
+//
+// Per wheel a third-order filter of position (angle, speed, acceleration error) with a triple pole: the
+// critically damped g-h-k filter (Brookner, "Tracking and Kalman filtering made easy", 1998, sect. 1.3),
+// gains 1 - p^3, 1.5 (1 - p^2)(1 - p) / T, (1 - p)^3 / T^2 with p = exp(-bandwidth T). Between
+// measurements it moves by the model's acceleration from the torque that acts *now*, that is the torque sent
+// one actuation delay ago. With a right model it therefore lags behind nothing; a wrong model is corrected
+// with the filter's bandwidth, and constant errors (friction, a slope, a wrong K) leave no bias.
+//
+// Each sample is compared with the state moved back to the sample's own time, so the drives' phases may
+// differ and drift. Time stamps are smoothed: a drive samples on its own regular clock, and frames only ever
+// arrive late (arbitration), so early arrivals count more than late ones.
+//
+// One thread; no allocation. update(): about 250 instructions.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "firmware/control/feedback_linearisation.hpp"
+#include "firmware/model/types.hpp"
+
+namespace wheelwright::control {
+
+struct EncoderSample {
+    double position_rad = 0;     // wheel angle, unwrapped
+    double speed_rad_per_s = 0;  // the drive's own estimate; used only to start
+    std::int64_t time_ns = 0;    // receive time stamp; 0: none yet. A repeated time is the same sample
+};
+
+template <typename Real>
+struct WheelObserverSettings {
+    Real cycle_s{};
+    Real encoder_period_s{};     // nominal period of the drives' encoder frames
+    Real bandwidth_rad_per_s{};  // p = exp(-bandwidth encoder_period)
+    Real actuation_delay_s{};    // from a cycle's start to the centroid of its torque; at most 21 cycles
+    Real restart_after_s = Real(0.02);  // a gap in the samples after which the filter starts anew
+};
+
+template <typename Real>
+class WheelObserver {
+  public:
+    static constexpr std::size_t kTorqueMemory = 24;
+    static constexpr std::size_t kSampleMemory = 8;  // power of two
+
+    void configure(const WheelObserverSettings<Real>& settings) {
+        settings_ = settings;
+        const Real period = settings.encoder_period_s;
+        const Real p = std::exp(-settings.bandwidth_rad_per_s * period);
+        const Real q = 1 - p;
+        angle_gain_ = 1 - p * p * p;
+        speed_gain_per_s_ = Real(1.5) * (1 - p * p) * q / period;
+        error_gain_per_s2_ = q * q * q / (period * period);
+        const Real cycles = settings.actuation_delay_s / settings.cycle_s;
+        const Real whole = std::min(std::floor(cycles), Real(kTorqueMemory - 3));
+        delay_cycles_ = static_cast<std::size_t>(std::max(whole, Real(0)));
+        delay_fraction_ = std::clamp(cycles - whole, Real(0), Real(1));
+    }
+
+    void reset() {
+        for (Wheel& wheel : wheels_) wheel = {};
+        torque_ = {};
+        turned_ = {};
+        motion_ = {};
+        last_ns_ = 0;
+    }
+
+    // Advances to now_ns, the cycle's instant. Call once in each cycle, before torque_sent(). Samples not
+    // newer than the last are ignored.
+    void update(std::int64_t now_ns, const EncoderSample& left, const EncoderSample& right,
+                const PlantModel<Real>& plant) {
+        const Real dt = last_ns_ == 0 ? settings_.cycle_s : seconds(now_ns - last_ns_);
+        if (dt > Real(1.5) * settings_.cycle_s) {  // missed cycles: their torque was the last one
+            const Real missed = std::min(std::round(dt / settings_.cycle_s) - 1, Real(kTorqueMemory));
+            for (auto n = static_cast<std::size_t>(missed); n > 0; --n) torque_sent(torque_[newest_torque_]);
+        }
+        last_ns_ = now_ns;
+        const WheelPair<Real> predicted = predict_acceleration(plant, dt);
+        const WheelPair<Real> before{wheels_[0].angle, wheels_[1].angle};
+        wheels_[0].advance(predicted.left, dt);
+        wheels_[1].advance(predicted.right, dt);
+        const bool had = valid();
+        take(wheels_[0], left, now_ns, predicted.left);
+        take(wheels_[1], right, now_ns, predicted.right);
+        turned_ = had ? WheelPair<Real>{wheels_[0].angle - before.left, wheels_[1].angle - before.right}
+                      : WheelPair<Real>{};
+        for (Wheel& wheel : wheels_) wheel.rebase();
+        motion_.wheel_speed_rad_per_s = {wheels_[0].speed, wheels_[1].speed};
+        motion_.wheel_angle_rad = {Real(wheels_[0].base), Real(wheels_[1].base)};
+        motion_.twist = model::twist_from_wheel_speeds(plant.geometry, motion_.wheel_speed_rad_per_s);
+    }
+
+    // The torque sent in this cycle (after every limit; what the drive was really told).
+    void torque_sent(const WheelPair<Real>& torque_Nm) {
+        newest_torque_ = newest_torque_ == 0 ? kTorqueMemory - 1 : newest_torque_ - 1;
+        torque_[newest_torque_] = torque_Nm;
+    }
+
+    // True once each wheel has been heard.
+    bool valid() const { return wheels_[0].heard && wheels_[1].heard; }
+
+    // Speeds, angles and twist at the last update's instant; heading_rad is left at 0.
+    const model::Motion<Real>& motion() const { return motion_; }
+
+    // How far each wheel turned between the last two updates. Sums of it follow the encoders without drift.
+    const WheelPair<Real>& turned_rad() const { return turned_; }
+
+    // The torque in effect during the cycle that ended at the last update.
+    WheelPair<Real> acting_torque_Nm() const {
+        const WheelPair<Real>& late = torque_[(newest_torque_ + delay_cycles_) % kTorqueMemory];
+        const WheelPair<Real>& early = torque_[(newest_torque_ + delay_cycles_ + 1) % kTorqueMemory];
+        return {late.left + delay_fraction_ * (early.left - late.left),
+                late.right + delay_fraction_ * (early.right - late.right)};
+    }
+
+    // Acceleration the model did not explain, at the wheels, rad/s^2.
+    WheelPair<Real> unexplained_acceleration() const { return {wheels_[0].error, wheels_[1].error}; }
+
+    // Both wheels' angles at one instant, from the encoders alone (no model): the parabola through the three
+    // nearest samples. False when the instant is not between stored samples (ask for 2 to 5 periods ago).
+    bool angles_at(std::int64_t instant_ns, WheelPair<double>& angles_rad) const {
+        return wheels_[0].angle_at(instant_ns, angles_rad.left) &&
+               wheels_[1].angle_at(instant_ns, angles_rad.right);
+    }
+
+  private:
+    struct Sample {
+        std::int64_t time_ns = 0;
+        double position = 0;
+    };
+
+    struct Wheel {
+        double base =
+            0;  // angle at the last update; `angle` counts from here, so that float keeps its digits
+        Real angle{};
+        Real speed{};
+        Real error{};                  // acceleration error
+        std::int64_t heard_ns = 0;     // receive time of the newest sample
+        std::int64_t smoothed_ns = 0;  // its smoothed time
+        std::array<Sample, kSampleMemory> samples;
+        std::size_t newest = 0;
+        std::size_t count = 0;
+        bool heard = false;
+
+        void advance(Real acceleration, Real dt) {
+            angle += dt * (speed + acceleration * dt / 2);
+            speed += dt * acceleration;
+        }
+
+        void rebase() {
+            base += double(angle);
+            angle = 0;
+        }
+
+        bool angle_at(std::int64_t instant_ns, double& out) const {
+            if (count < 3) return false;
+            for (std::size_t back = 1; back < count; ++back) {
+                const Sample& older = samples[(newest + kSampleMemory - back) % kSampleMemory];
+                if (older.time_ns > instant_ns) continue;
+                const Sample& newer = samples[(newest + kSampleMemory - back + 1) % kSampleMemory];
+                if (newer.time_ns < instant_ns) return false;
+                const std::size_t third = back >= 2 ? back - 2 : back + 1;
+                const Sample& beside = samples[(newest + kSampleMemory - third) % kSampleMemory];
+                const auto at = [&](const Sample& s) {
+                    return 1e-9 * static_cast<double>(s.time_ns - instant_ns);
+                };
+                const double a = at(older);
+                const double b = at(newer);
+                const double c = at(beside);
+                // Newton's divided differences, evaluated at 0
+                const double ab = (newer.position - older.position) / (b - a);
+                const double bc = (beside.position - newer.position) / (c - b);
+                out = older.position - a * (ab - b * (bc - ab) / (c - a));
+                return true;
+            }
+            return false;
+        }
+    };
+
+    static Real seconds(std::int64_t ns) { return Real(1e-9) * static_cast<Real>(ns); }
+
+    // Accelerations of the wheels by the model, the acceleration error included. Dry friction is an impulse
+    // that may stop a wheel within the step but never turns it back, so a stuck wheel is predicted at rest.
+    WheelPair<Real> predict_acceleration(const PlantModel<Real>& plant, Real dt) const {
+        const auto& g = plant.geometry;
+        const auto& k = plant.dynamics;
+        const WheelPair<Real> torque = acting_torque_Nm();
+        WheelPair<Real> net = torque;
+        model::for_each_column(plant.effects, motion_,
+                               [&](std::size_t i, unsigned j, const WheelPair<Real>& column, bool dry) {
+                                   if (dry) return;
+                                   net.left += plant.effects.parameter[i][j] * column.left;
+                                   net.right += plant.effects.parameter[i][j] * column.right;
+                               });
+        const TwistRate<Real> body = model::acceleration(k, motion_.twist, net);
+        WheelPair<Real> a =
+            model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
+        a.left += wheels_[0].error;
+        a.right += wheels_[1].error;
+        model::for_each_column(
+            plant.effects, motion_, [&](std::size_t i, unsigned j, const WheelPair<Real>& d, bool dry) {
+                if (!dry) return;
+                const WheelPair<Real> per_Nm = model::wheel_speeds_from_twist(
+                    g, Twist<Real>{k.k7_per_kg_m * d.sum(), k.k8_per_kg_m2 * d.difference()});
+                const Real mobility = d.left * per_Nm.left + d.right * per_Nm.right;
+                if (!(mobility > 0)) return;
+                const Real stop = (model::sliding_speed(d, motion_.wheel_speed_rad_per_s) / dt +
+                                   model::sliding_speed(d, a)) /
+                                  mobility;
+                const Real friction = plant.effects.parameter[i][j];
+                const Real lambda = std::clamp(stop, -friction, friction);
+                a.left -= lambda * per_Nm.left;
+                a.right -= lambda * per_Nm.right;
+            });
+        return a;
+    }
+
+    void take(Wheel& wheel, const EncoderSample& sample, std::int64_t now_ns, Real acceleration) {
+        if (sample.time_ns == 0 || sample.time_ns <= wheel.heard_ns) return;
+        const bool restart =
+            !wheel.heard || seconds(sample.time_ns - wheel.heard_ns) > settings_.restart_after_s;
+        smooth_time(wheel, sample.time_ns, restart);
+        wheel.newest = (wheel.newest + 1) % kSampleMemory;
+        wheel.samples[wheel.newest] = {wheel.smoothed_ns, sample.position_rad};
+        const Real age = seconds(now_ns - wheel.smoothed_ns);
+        if (restart) {
+            wheel.count = 1;
+            wheel.heard = true;
+            wheel.speed = Real(sample.speed_rad_per_s);
+            wheel.error = 0;
+            wheel.angle = Real(sample.position_rad - wheel.base) + wheel.speed * age;
+            return;
+        }
+        wheel.count = std::min(wheel.count + 1, kSampleMemory);
+        const Real then = wheel.angle - age * (wheel.speed - acceleration * age / 2);
+        const Real innovation = Real(sample.position_rad - wheel.base) - then;
+        wheel.angle += angle_gain_ * innovation;
+        wheel.speed += speed_gain_per_s_ * innovation;
+        wheel.error += error_gain_per_s2_ * innovation;
+    }
+
+    void smooth_time(Wheel& wheel, std::int64_t time_ns, bool restart) {
+        constexpr Real early_share = Real(0.2);
+        constexpr Real late_share = Real(0.02);
+        const Real period_ns = settings_.encoder_period_s * Real(1e9);
+        wheel.heard_ns = time_ns;
+        const Real since_ns = static_cast<Real>(time_ns - wheel.smoothed_ns);
+        const Real periods = std::round(since_ns / period_ns);
+        const Real off_ns = since_ns - periods * period_ns;
+        if (restart || periods < 1 || std::abs(off_ns) > Real(0.4) * period_ns) {
+            wheel.smoothed_ns = time_ns;
+        } else {
+            const Real step_ns = periods * period_ns + off_ns * (off_ns < 0 ? early_share : late_share);
+            wheel.smoothed_ns += static_cast<std::int64_t>(step_ns);
+        }
+    }
+
+    WheelObserverSettings<Real> settings_;
+    Real angle_gain_{};
+    Real speed_gain_per_s_{};
+    Real error_gain_per_s2_{};
+    std::size_t delay_cycles_ = 0;
+    Real delay_fraction_{};
+    std::array<Wheel, 2> wheels_;
+    std::array<WheelPair<Real>, kTorqueMemory> torque_{};
+    std::size_t newest_torque_ = 0;
+    std::int64_t last_ns_ = 0;
+    WheelPair<Real> turned_;
+    model::Motion<Real> motion_;
+};
+
+template <typename Real>
+WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters& from, Real cycle_s) {
+    WheelObserverSettings<Real> to;
+    to.cycle_s = cycle_s;
+    to.encoder_period_s = Real(from.drive.encoder_period_ms) / 1000;
+    to.bandwidth_rad_per_s = Real(from.velocity_loop.observer_bandwidth_rad_per_s);
+    to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s);
+    return to;
+}
+
+}  // namespace wheelwright::control
