@@ -24,7 +24,6 @@ import argparse
 import contextlib
 import decimal
 import io
-import keyword
 import os
 import re
 import sys
@@ -56,8 +55,10 @@ UNIT_SUFFIXES = {
     "us": "us",
 }
 FLOAT_MAX = decimal.Decimal("3.4028234663852886e38")  # a range of +-this leaves only "finite" to check
-CPP_WORDS = set(keyword.kwlist) | set(
-    "auto bool break case catch char class concept const consteval constexpr constinit continue decltype default "
+CPP_WORDS = set(
+    "alignas alignof and and_eq asm auto bitand bitor compl dynamic_cast not not_eq or or_eq xor xor_eq noexcept "
+    "char8_t char16_t char32_t const_cast co_await co_return co_yield reinterpret_cast static_assert static_cast "
+    "thread_local wchar_t auto bool break case catch char class concept const consteval constexpr constinit continue decltype default "
     "delete do double else enum explicit export extern false float for friend goto if inline int long mutable "
     "namespace new noexcept nullptr operator private protected public register requires return short signed sizeof "
     "static struct switch template this throw true try typedef typeid typename union unsigned using virtual void "
@@ -179,6 +180,8 @@ class Field:
                 errors.add(where, f"the range needs raw values {self.low}..{self.high}; "
                                   f"{self.size} bits hold {lowest}..{highest}")
             self.whole_range = (self.low, self.high) == (lowest, highest)
+            if self.kind == "scaled" and not self.low <= 0 <= self.high:
+                errors.add(where, "the raw value 0 lies outside its range")
         if self.kind == "enum":
             legal = [v for v in signal.values if self.low <= v <= self.high]
             self.default = min(legal, default=0)
@@ -291,12 +294,8 @@ class Field:
     def visit(self):
         low = literal(self.minimum)
         high = literal(self.maximum)
-        yield (f'visit(FieldInfo{{"{self.name}", "{self.signal_name}", "{self.unit}", {low}, {high}, '
+        yield (f'visit(FieldInfo{{"{self.name}", "{self.signal.name}", "{self.unit}", {low}, {high}, '
                f"{literal(self.step)}}}, self.{self.name});")
-
-    @property
-    def signal_name(self):
-        return self.signal.name
 
 
 class Message:
@@ -372,7 +371,7 @@ class Message:
         raw = any(f.kind not in ("float", "bool") for f in self.fields)
         yield ""
         unused = "[[maybe_unused]] " if empty else ""
-        yield f"    constexpr CodecStatus encode({unused}std::span<std::uint8_t> out) const {{"
+        yield f"    [[nodiscard]] constexpr CodecStatus encode({unused}std::span<std::uint8_t> out) const {{"
         if empty:
             yield "        return CodecStatus::ok;"
         else:
@@ -388,7 +387,7 @@ class Message:
         yield "    }"
         yield ""
         unused = "[[maybe_unused]] " if empty and self.minimum_length == 0 else ""
-        yield f"    static constexpr CodecStatus decode({unused}std::span<const std::uint8_t> bytes, {self.name}& out) {{"
+        yield f"    [[nodiscard]] static constexpr CodecStatus decode({unused}std::span<const std::uint8_t> bytes, {self.name}& out) {{"
         if self.minimum_length is None:
             yield "        if (bytes.size() != length) return CodecStatus::wrong_length;"
         elif self.minimum_length > 0:
