@@ -81,7 +81,8 @@ class CommandGuard {
                                                               std::int64_t now_ns) {
         const std::size_t slot = id - first_id;
         if (id < first_id || slot >= sealed_lengths.size()) return std::nullopt;
-        if (frame.size() != sealed_lengths[slot]) return CounterCause::rejected_length;
+        // The lower bound follows from the table; said again so that compilers see it too.
+        if (frame.size() < 2 || frame.size() != sealed_lengths[slot]) return CounterCause::rejected_length;
         if (frame[0] != seal_crc(frame)) return CounterCause::rejected_crc;
         const auto alive = static_cast<std::uint8_t>(frame[1] & 0x0FU);
         if (alive >= alive_count) return CounterCause::rejected_alive;
