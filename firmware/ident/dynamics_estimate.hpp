@@ -1,0 +1,47 @@
+// What the estimators report, and what the model guard and telemetry read.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+
+namespace wheelwright::ident {
+
+// Standard error of what is not known at all.
+inline constexpr float kUnknownError = 1e9F;
+
+template <typename Real>
+struct DynamicsEstimate {
+    model::Dynamics<Real> dynamics;
+    model::Dynamics<Real> standard_error;       // honest for coloured residuals
+    model::Dynamics<Real> covariance_diagonal;  // bare P_ii as in the paper's Table 1, for comparison
+    model::Dynamics<Real> excitation;           // see excitation_monitor.hpp
+    model::EffectSet<Real> effects;             // active: those that are estimated
+    model::EffectSet<Real> effects_standard_error;
+    std::uint32_t rows = 0;         // rows that were used
+    std::uint32_t masked_rows = 0;  // rows that were not
+    std::uint32_t changes = 0;      // detected changes of the robot (adaptive estimator)
+    bool good_enough = false;       // K7 and K8 positive, and known to the wanted relative standard error
+};
+
+// Where in an EffectSet each column of a regression row belongs, in catalogue order.
+struct ColumnPlace {
+    std::uint8_t effect = 0;
+    std::uint8_t parameter = 0;
+};
+
+template <typename Real>
+int column_places(const model::EffectSet<Real>& effects,
+                  std::array<ColumnPlace, model::kMaxColumns>& places) {
+    int count = 0;
+    model::for_each_column(effects, model::Motion<Real>{},
+                           [&](std::size_t effect, unsigned parameter, const WheelPair<Real>&, bool) {
+                               places[static_cast<std::size_t>(count++)] = {
+                                   static_cast<std::uint8_t>(effect), static_cast<std::uint8_t>(parameter)};
+                           });
+    return count;
+}
+
+}  // namespace wheelwright::ident

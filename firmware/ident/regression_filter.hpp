@@ -1,0 +1,315 @@
+// Turns samples of the cycle (wheel angles, torque told to the drives) into rows of the two regressions,
+// paper eq (50)-(55), without differentiating noise.
+//
+// Time is cut into blocks of m samples. With S_b the sum of the wheel angle over block b, exactly
+//     y = (S_b+1 - 2 S_b + S_b-1) / (m^3 dt^2)
+// is the wheel acceleration averaged with the weight box * box * box (each m samples long; a quadratic
+// B-spline of 3 m samples). The regressors are averaged with the same weight, so both sides stay equal
+// whatever happens between the samples. Sensor noise that is white in the angle is white in S, so a row
+// carries the second difference of white noise: that colour is what coloured_errors.hpp is told.
+//
+// All sums start anew in each block: ten hours of running drift no more than ten milliseconds.
+//
+// Everything is evaluated at one instant a few samples in the past (kLatency): there the wheel speed is a
+// central difference, the torque is the piecewise constant one that the drives applied after `delay_s`
+// (fractions too), averaged over the sample, and the sign of a sliding speed is averaged with its zero
+// crossing interpolated.
+//
+// Cost: per sample about 25 + 6 (2 + 2 taps + 2 columns) operations and two divisions for each dry parameter;
+// a row (every m samples) about 10 for each signal. No allocation.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+
+namespace wheelwright::ident {
+
+// What the cycle hands over, once per cycle.
+template <typename Real>
+struct IdentSample {
+    WheelPair<double> angle_rad;     // both wheels at the cycle's time base, unwrapped; double: it grows
+    WheelPair<Real> last_torque_Nm;  // what the drives were told at the end of the previous cycle
+    Real heading_rad{};              // for effects that depend on it
+    bool usable = true;              // false: slip, a torque that was not followed: masks the rows it touches
+};
+
+// One row of both regressions. Sums and differences are right + left and right - left.
+template <typename Real, int kTaps = 1>
+struct RegressionRow {
+    TwistRate<Real> acceleration;                              // y1, y2
+    Real omega_squared{};                                      // K5's regressor
+    Real v_omega{};                                            // K6's regressor
+    std::array<WheelPair<Real>, kTaps> torque_Nm{};            // one for each tap
+    std::array<WheelPair<Real>, model::kMaxColumns> column{};  // torque per unit of each active parameter
+    bool usable = false;  // no wheel stood still, no sample was marked unusable
+};
+
+template <typename Real>
+struct RegressionFilterOptions {
+    model::Geometry<double> geometry;
+    model::EffectSet<Real> effects;  // columns are made for the active ones; values are not used
+    double sample_time_s{};
+    double kernel_s{};                          // half the averaging weight's length
+    double delay_s{};                           // from a cycle's start to the centroid of its torque
+    Real standing_speed_rad_per_s = Real(0.2);  // a wheel slower than this may be held by dry friction
+    int standing_samples = 5;                   // for longer than this: the row is not usable
+};
+
+// kTaps torque columns, tap k delayed by delay_s + k * kTapSpacing_s (only the delay estimator has several).
+inline constexpr double kTapSpacing_s = 0.002;
+
+template <typename Real, int kTaps = 1>
+class RegressionFilter {
+  public:
+    static constexpr int kMinimumBlock = 6;  // samples: the estimators spread a row over five cycles
+    static constexpr int kLatency = 3;       // samples
+
+    void configure(const RegressionFilterOptions<Real>& options) {
+        options_ = options;
+        const double dt = options.sample_time_s;
+        block_ = std::max(kMinimumBlock, static_cast<int>(std::lround(2 * options.kernel_s / (3 * dt))));
+        inverse_block_ = Real(1) / static_cast<Real>(block_);
+        const double m = block_;
+        row_scale_ = static_cast<Real>(1 / (m * (m * dt) * (m * dt)));
+        speed_scale_ = static_cast<Real>(1 / (4 * dt));
+        weight_scale_ = Real(1) / static_cast<Real>(2 * block_ * block_);
+        radius_ = {static_cast<Real>(options.geometry.wheel_radius_m.left),
+                   static_cast<Real>(options.geometry.wheel_radius_m.right)};
+        inverse_track_ = static_cast<Real>(1 / options.geometry.track_m);
+        columns_ = 0;
+        model::for_each_column(options_.effects, model::Motion<Real>{},
+                               [this](std::size_t, unsigned, const WheelPair<Real>&, bool) { ++columns_; });
+        set_delay(options.delay_s);
+        restart();
+    }
+
+    // Clipped to what the history holds (0 to 24 samples). The rows under way mix both delays.
+    void set_delay(double delay_s) {
+        for (int k = 0; k < kTaps; ++k) {
+            const double samples =
+                std::clamp((delay_s + k * kTapSpacing_s) / options_.sample_time_s, 0.0, kMaximumDelay);
+            Tap& tap = tap_[static_cast<std::size_t>(k)];
+            tap.whole = static_cast<unsigned>(samples);
+            const auto f = static_cast<Real>(samples - static_cast<double>(tap.whole));
+            tap.newest = (1 - f) * (1 - f) / 2;
+            tap.oldest = f * f / 2;
+            tap.middle = 1 - tap.newest - tap.oldest;
+        }
+    }
+
+    // Forgets all samples: after a gap, a reset of the angles, or when the torque was not what was told.
+    void restart() {
+        warm_up_ = 0;
+        position_in_block_ = 0;
+        blocks_ = 0;
+        standing_now_ = {};
+        masked_blocks_ = 0;
+        clear_block();
+        pending_ = {};
+        last_early_ = {};
+        angle_sum_ = {};
+        angle_sum_before_ = {};
+    }
+
+    // True when row() is new: every block_samples() samples, after three blocks.
+    bool push(const IdentSample<Real>& sample) {
+        const unsigned now = now_++;  // may wrap: the rings' sizes are powers of two
+        angle_[now % kAngles] = sample.angle_rad;
+        torque_[now % kTorques] = sample.last_torque_Nm;
+        if (warm_up_ < kTorques) ++warm_up_;
+        if (warm_up_ <= kSpeedSpan) return false;
+
+        // speed two samples ago; everything else three samples ago, between the speeds before and after
+        const WheelPair<double>& newest = sample.angle_rad;
+        const WheelPair<double>& oldest = angle_[(now - kSpeedSpan) % kAngles];
+        speed_[0] = speed_[1];
+        speed_[1] = speed_[2];
+        speed_[2] = {static_cast<Real>(newest.left - oldest.left) * speed_scale_,
+                     static_cast<Real>(newest.right - oldest.right) * speed_scale_};
+        if (warm_up_ < kTorques) return false;  // history not yet filled
+        if (!sample.usable) masked_in_block_ = true;
+        return take_instant(now, sample.heading_rad);
+    }
+
+    const RegressionRow<Real, kTaps>& row() const { return row_; }
+    int block_samples() const { return block_; }
+    int columns() const { return columns_; }  // those of the active effects, in catalogue order
+    const RegressionFilterOptions<Real>& options() const { return options_; }
+
+  private:
+    static constexpr unsigned kSpeedSpan = 4;
+    static constexpr unsigned kAngles = 8;
+    static constexpr unsigned kTorques = 32;
+    static constexpr double kMaximumDelay = 24;
+    static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
+    static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxColumns;
+    using Signals = std::array<Real, kSignals>;
+
+    struct Tap {
+        unsigned whole = 0;
+        Real newest{}, middle{}, oldest{};
+    };
+    // A block's share in the three rows it is part of.
+    struct AngleSum {
+        WheelPair<double> reference;  // angle at the block's first sample
+        WheelPair<Real> above;        // sum of the angles less the reference
+    };
+
+    // Mean sign of a speed that goes linearly from `a` to `b`.
+    static Real mean_sign(Real a, Real b) {
+        const Real size = std::abs(a) + std::abs(b);
+        return size > 0 ? (a + b) / size : Real(0);
+    }
+
+    bool take_instant(unsigned now, Real heading_rad) {
+        const WheelPair<Real>& speed = speed_[1];
+        Signals g{};
+        fill_signals(now, heading_rad, speed, g);
+
+        const int j = position_in_block_;
+        const Real early = static_cast<Real>(j * (j + 1)) * weight_scale_;
+        const Real late = static_cast<Real>((block_ - 1 - j) * (block_ - j)) * weight_scale_;
+        const std::size_t used = kFirstColumn + 2 * static_cast<std::size_t>(columns_);
+        for (std::size_t i = 0; i < used; ++i) {
+            plain_[i] += g[i];
+            early_[i] += early * g[i];
+            late_[i] += late * g[i];
+        }
+
+        const WheelPair<double>& angle = angle_[(now - kLatency) % kAngles];
+        if (j == 0) angle_sum_now_ = {angle, {}};
+        angle_sum_now_.above.left += static_cast<Real>(angle.left - angle_sum_now_.reference.left);
+        angle_sum_now_.above.right += static_cast<Real>(angle.right - angle_sum_now_.reference.right);
+
+        count_standing(standing_now_.left, speed.left);
+        count_standing(standing_now_.right, speed.right);
+
+        if (++position_in_block_ < block_) return false;
+        position_in_block_ = 0;
+        return finish_block();
+    }
+
+    void fill_signals(unsigned now, Real heading_rad, const WheelPair<Real>& speed, Signals& g) {
+        const Real left = radius_.left * speed.left;
+        const Real right = radius_.right * speed.right;
+        const Twist<Real> twist{(right + left) / 2, (right - left) * inverse_track_};
+        g[0] = twist.omega_rad_per_s * twist.omega_rad_per_s;
+        g[1] = twist.v_m_per_s * twist.omega_rad_per_s;
+        for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
+            const Tap& tap = tap_[k];
+            // torque_[n] was told in cycle n - 1
+            const unsigned n = now - kLatency + 1 - tap.whole;
+            const WheelPair<Real>& a = torque_[n % kTorques];
+            const WheelPair<Real>& b = torque_[(n - 1) % kTorques];
+            const WheelPair<Real>& c = torque_[(n - 2) % kTorques];
+            g[2 + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
+            g[3 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
+        }
+        const model::Motion<Real> motion{speed,
+                                         {static_cast<Real>(angle_[(now - kLatency) % kAngles].left),
+                                          static_cast<Real>(angle_[(now - kLatency) % kAngles].right)},
+                                         twist,
+                                         heading_rad};
+        std::size_t at = kFirstColumn;
+        model::for_each_column(options_.effects, motion,
+                               [&](std::size_t, unsigned, const WheelPair<Real>& column, bool dry) {
+                                   Real amount = 1;
+                                   if (dry) {
+                                       const Real before = model::sliding_speed(column, speed_[0]);
+                                       const Real here = model::sliding_speed(column, speed_[1]);
+                                       const Real after = model::sliding_speed(column, speed_[2]);
+                                       amount = -(mean_sign(before, here) + mean_sign(here, after)) / 2;
+                                   }
+                                   g[at++] = amount * column.left;
+                                   g[at++] = amount * column.right;
+                               });
+    }
+
+    void count_standing(int& run, Real speed) {
+        if (std::abs(speed) >= options_.standing_speed_rad_per_s) {
+            run = 0;
+        } else if (++run > options_.standing_samples) {
+            masked_in_block_ = true;
+        }
+    }
+
+    bool finish_block() {
+        masked_blocks_ = (masked_blocks_ << 1U | (masked_in_block_ ? 1U : 0U)) & 7U;
+        const bool complete = blocks_ >= 2;
+        if (complete) make_row();
+        // this block is the middle of the next row and the oldest of the one after
+        const std::size_t used = kFirstColumn + 2 * static_cast<std::size_t>(columns_);
+        for (std::size_t i = 0; i < used; ++i) {
+            pending_[i] = last_early_[i] + plain_[i] - early_[i] - late_[i];
+            last_early_[i] = early_[i];
+        }
+        angle_sum_before_ = angle_sum_;
+        angle_sum_ = angle_sum_now_;
+        clear_block();
+        if (blocks_ < 2) ++blocks_;
+        return complete;
+    }
+
+    void make_row() {
+        Signals g{};
+        const std::size_t used = kFirstColumn + 2 * static_cast<std::size_t>(columns_);
+        for (std::size_t i = 0; i < used; ++i) g[i] = (pending_[i] + late_[i]) * inverse_block_;
+        const Real left = radius_.left * angle_acceleration(&WheelPair<double>::left, &WheelPair<Real>::left);
+        const Real right =
+            radius_.right * angle_acceleration(&WheelPair<double>::right, &WheelPair<Real>::right);
+        row_.acceleration = {(right + left) / 2, (right - left) * inverse_track_};
+        row_.omega_squared = g[0];
+        row_.v_omega = g[1];
+        for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k)
+            row_.torque_Nm[k] = {g[2 + 2 * k], g[3 + 2 * k]};
+        for (std::size_t c = 0; c < static_cast<std::size_t>(columns_); ++c)
+            row_.column[c] = {g[kFirstColumn + 2 * c], g[kFirstColumn + 2 * c + 1]};
+        row_.usable = masked_blocks_ == 0;
+    }
+
+    Real angle_acceleration(double WheelPair<double>::*reference, Real WheelPair<Real>::*above) const {
+        const double turned = (angle_sum_now_.reference.*reference - angle_sum_.reference.*reference) -
+                              (angle_sum_.reference.*reference - angle_sum_before_.reference.*reference);
+        const Real rest = (angle_sum_now_.above.*above - angle_sum_.above.*above) -
+                          (angle_sum_.above.*above - angle_sum_before_.above.*above);
+        return (static_cast<Real>(block_) * static_cast<Real>(turned) + rest) * row_scale_;
+    }
+
+    void clear_block() {
+        plain_ = {};
+        early_ = {};
+        late_ = {};
+        masked_in_block_ = false;
+    }
+
+    RegressionFilterOptions<Real> options_{};
+    int block_ = kMinimumBlock;
+    int columns_ = 0;
+    Real inverse_block_{}, row_scale_{}, speed_scale_{}, weight_scale_{}, inverse_track_{};
+    WheelPair<Real> radius_{};
+    std::array<Tap, kTaps> tap_{};
+
+    unsigned now_ = 0;
+    unsigned warm_up_ = 0;
+    std::array<WheelPair<double>, kAngles> angle_{};
+    std::array<WheelPair<Real>, kTorques> torque_{};
+    std::array<WheelPair<Real>, 3> speed_{};  // before, at and after the instant
+
+    int position_in_block_ = 0;
+    int blocks_ = 0;
+    Signals plain_{}, early_{}, late_{};  // of the block under way
+    Signals pending_{}, last_early_{};    // of the two blocks before
+    AngleSum angle_sum_now_{}, angle_sum_{}, angle_sum_before_{};
+    WheelPair<int> standing_now_{};
+    unsigned masked_blocks_ = 0;
+    bool masked_in_block_ = false;
+    RegressionRow<Real, kTaps> row_{};
+};
+
+}  // namespace wheelwright::ident
