@@ -8,11 +8,17 @@ add_library(wheelwright_cpputest INTERFACE)
 target_include_directories(wheelwright_cpputest SYSTEM INTERFACE ${CPPUTEST_INCLUDE_DIR})
 target_link_libraries(wheelwright_cpputest INTERFACE ${CPPUTEST_EXT_LIBRARY} ${CPPUTEST_LIBRARY})
 
-# wheelwright_test(NAME <exe> GROUPS <group>... SOURCES <file>... [LIBS <target>...] [TIMEOUT s] [LABELS l...])
-# builds test_<exe> and registers each group as the ctest test <exe>.<group>. A further test fails when the
-# binary holds a group that is not registered, so no test can be forgotten.
+# All test binaries that also run under the sanitizers.
+add_custom_target(wheelwright_sanitized_tests)
+
+# wheelwright_test(NAME <name> GROUPS <group>... SOURCES <file>... [LIBS <target>...] [TIMEOUT s] [LABELS l...]
+#                  [NO_SANITIZE])
+# builds test_<name> and registers each group as the ctest test <name>.<group>. A further test fails when the
+# binary holds a group that is not registered, so no test can be forgotten. With WHEELWRIGHT_SLOW_TESTS the
+# test sanitized.<name> runs the whole binary built by the preset `sanitize`, unless NO_SANITIZE is given: for
+# long campaigns over code that a shorter test covers, and for what a sanitizer itself would disturb.
 function(wheelwright_test)
-    cmake_parse_arguments(ARG "" "NAME;TIMEOUT" "GROUPS;SOURCES;LIBS;LABELS" ${ARGN})
+    cmake_parse_arguments(ARG "NO_SANITIZE" "NAME;TIMEOUT" "GROUPS;SOURCES;LIBS;LABELS" ${ARGN})
     if(NOT ARG_TIMEOUT)
         set(ARG_TIMEOUT 300)
     endif()
@@ -26,9 +32,18 @@ function(wheelwright_test)
             TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}"
             FAIL_REGULAR_EXPRESSION "OK \\(0 tests|, 0 ran,")
     endforeach()
-    list(JOIN ARG_GROUPS " " groups)
     add_test(NAME ${ARG_NAME}.all_groups_registered
         COMMAND ${CMAKE_SOURCE_DIR}/tests/support/check_groups $<TARGET_FILE:${exe}> ${ARG_GROUPS})
+
+    if(NOT ARG_NO_SANITIZE)
+        add_dependencies(wheelwright_sanitized_tests ${exe})
+        if(WHEELWRIGHT_SLOW_TESTS AND NOT WHEELWRIGHT_SANITIZE)
+            math(EXPR timeout "${ARG_TIMEOUT} * 4")
+            add_test(NAME sanitized.${ARG_NAME} COMMAND ${CMAKE_BINARY_DIR}/sanitize/tests/${exe} -v)
+            set_tests_properties(sanitized.${ARG_NAME} PROPERTIES
+                TIMEOUT ${timeout} LABELS "sanitize;${ARG_LABELS}" FIXTURES_REQUIRED sanitized_tests)
+        endif()
+    endif()
 endfunction()
 
 # wheelwright_script_test(NAME <name> COMMAND <command>... [TIMEOUT s] [LABELS l...] [ENVIRONMENT VAR=value...])
@@ -40,4 +55,25 @@ function(wheelwright_script_test)
     add_test(NAME ${ARG_NAME} COMMAND ${ARG_COMMAND})
     set_tests_properties(${ARG_NAME} PROPERTIES TIMEOUT ${ARG_TIMEOUT} LABELS "${ARG_LABELS}"
         ENVIRONMENT "${ARG_ENVIRONMENT}")
+endfunction()
+
+# wheelwright_build_fixture(FIXTURE <fixture> NAME <test> PRESET <preset> DIR <directory> [TARGETS <target>...])
+# registers a test that configures and builds a preset in DIR; tests with FIXTURES_REQUIRED <fixture> run after it.
+# It takes all processors.
+function(wheelwright_build_fixture)
+    cmake_parse_arguments(ARG "" "FIXTURE;NAME;PRESET;DIR" "TARGETS" ${ARGN})
+    include(ProcessorCount)
+    ProcessorCount(processors)
+    add_test(NAME ${ARG_NAME}
+        COMMAND ${CMAKE_SOURCE_DIR}/tests/support/build_preset ${ARG_PRESET} ${ARG_DIR} ${ARG_TARGETS}
+        WORKING_DIRECTORY ${CMAKE_SOURCE_DIR})
+    set_tests_properties(${ARG_NAME} PROPERTIES
+        FIXTURES_SETUP ${ARG_FIXTURE} TIMEOUT 1500 PROCESSORS ${processors})
+endfunction()
+
+# wheelwright_measured_data(<variable>) sets the variable to the folder of measured logs, that is to
+# WHEELWRIGHT_DATA of the environment at configuration, or to nothing. Register tests on those logs only when it
+# is not empty. They must fail, not skip, when a log is absent: a folder that was named and is wrong is an error.
+function(wheelwright_measured_data variable)
+    set(${variable} "$ENV{WHEELWRIGHT_DATA}" PARENT_SCOPE)
 endfunction()
