@@ -1,0 +1,60 @@
+// Functions whose last bit differs between machines' mathematical libraries, written with plain arithmetic:
+// the simulation gives the same bits wherever IEEE 754 holds. (sim_hal is compiled without contraction of
+// products and sums for the same reason.)
+#pragma once
+
+#include <cstdint>
+
+namespace wheelwright::sim {
+
+// exp(-x) for x >= 0; within 1e-15.
+inline double exp_minus(double x) {
+    if (!(x < 700)) return 0;
+    int halvings = 0;
+    for (; x > 0.25; x /= 2) ++halvings;
+    double sum = 1;  // Horner's scheme of the series to x^12
+    for (int k = 12; k > 0; --k) sum = 1 - sum * x / k;
+    for (; halvings > 0; --halvings) sum *= sum;
+    return sum;
+}
+
+// (1 - exp(-x)) / x for x >= 0: the mean of exp(-t) over 0..x. Within 1e-15.
+inline double mean_exp_minus(double x) {
+    if (x > 0.25) return (1 - exp_minus(x)) / x;
+    double sum = 1;
+    for (int k = 12; k > 1; --k) sum = 1 - sum * x / k;
+    return sum;
+}
+
+struct SineCosine {
+    double sine;
+    double cosine;
+};
+
+// For any angle of reasonable size (below 1e9); within 1e-14 plus the angle's own rounding.
+inline SineCosine sine_cosine(double angle_rad) {
+    constexpr double kHalfPi = 1.5707963267948966;
+    const double turns = angle_rad / kHalfPi;
+    const auto quadrant = static_cast<std::int64_t>(turns < 0 ? turns - 0.5 : turns + 0.5);
+    const double x = angle_rad - static_cast<double>(quadrant) * kHalfPi;
+    const double square = x * x;
+    double s = 1;
+    double c = 1;
+    for (int k = 9; k > 0; --k) {
+        s = 1 - s * square / (2 * k * (2 * k + 1));
+        c = 1 - c * square / (2 * k * (2 * k - 1));
+    }
+    s *= x;
+    switch (quadrant & 3) {
+        case 0:
+            return {s, c};
+        case 1:
+            return {c, -s};
+        case 2:
+            return {-s, -c};
+        default:
+            return {-c, s};
+    }
+}
+
+}  // namespace wheelwright::sim

@@ -1,0 +1,253 @@
+#include "sim_hal/plant.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "sim_hal/plain_math.hpp"
+
+namespace wheelwright::sim {
+
+PlantParameters plant_from_dynamics(const model::Geometry<double>& geometry,
+                                    const model::Dynamics<double>& dynamics,
+                                    const model::EffectSet<double>& effects) {
+    const double radius = geometry.mean_radius_m();
+    PlantParameters p;
+    p.geometry = geometry;
+    p.mass_kg = 1 / (dynamics.k7_per_kg_m * radius);
+    p.inertia_kg_m2 = geometry.track_m / (2 * radius * dynamics.k8_per_kg_m2);
+    p.centrifugal_kg_m = dynamics.k5_m * p.mass_kg;
+    p.coriolis_kg_m = dynamics.k6_per_m * p.inertia_kg_m2;
+    p.effects = effects;
+    return p;
+}
+
+PlantParameters plant_from_mass(const model::Geometry<double>& geometry,
+                                const model::MassProperties<double>& body,
+                                const model::EffectSet<double>& effects) {
+    // A wheel turns at (v -+ omega b / 2) / radius: its rotation adds to all entries of M.
+    const double left =
+        body.wheel_inertia_kg_m2 / (geometry.wheel_radius_m.left * geometry.wheel_radius_m.left);
+    const double right =
+        body.wheel_inertia_kg_m2 / (geometry.wheel_radius_m.right * geometry.wheel_radius_m.right);
+    const double half_track = geometry.track_m / 2;
+    const double moment = body.mass_kg * body.cog_ahead_m;
+    PlantParameters p;
+    p.geometry = geometry;
+    p.mass_kg = body.mass_kg + left + right;
+    p.inertia_kg_m2 =
+        body.yaw_inertia_kg_m2 + moment * body.cog_ahead_m + (left + right) * half_track * half_track;
+    p.mass_coupling_kg_m = (right - left) * half_track;
+    p.centrifugal_kg_m = moment;
+    p.coriolis_kg_m = -moment;
+    p.effects = effects;
+    return p;
+}
+
+model::Dynamics<double> plant_dynamics(const PlantParameters& p) {
+    const double radius = p.geometry.mean_radius_m();
+    return {p.centrifugal_kg_m / p.mass_kg, p.coriolis_kg_m / p.inertia_kg_m2, 1 / (p.mass_kg * radius),
+            p.geometry.track_m / (2 * radius * p.inertia_kg_m2)};
+}
+
+Plant::Plant(const PlantParameters& parameters, const Pose<double>& start) {
+    set_parameters(parameters);
+    place(start, {});
+}
+
+void Plant::set_parameters(const PlantParameters& parameters) {
+    parameters_ = parameters;
+    const PlantParameters& p = parameters_;
+    const double radius_left = p.geometry.wheel_radius_m.left;
+    const double radius_right = p.geometry.wheel_radius_m.right;
+    const double half_track = p.geometry.track_m / 2;
+
+    const double determinant = p.mass_kg * p.inertia_kg_m2 - p.mass_coupling_kg_m * p.mass_coupling_kg_m;
+    const double inverse_11 = p.inertia_kg_m2 / determinant;
+    const double inverse_12 = -p.mass_coupling_kg_m / determinant;
+    const double inverse_22 = p.mass_kg / determinant;
+    // G has the rows (1, -b/2) / r_left and (1, b/2) / r_right.
+    from_force_ = {(inverse_11 - half_track * inverse_12) / radius_left,
+                   (inverse_12 - half_track * inverse_22) / radius_left,
+                   (inverse_11 + half_track * inverse_12) / radius_right,
+                   (inverse_12 + half_track * inverse_22) / radius_right};
+    from_torque_ = {(from_force_.a11 - half_track * from_force_.a12) / radius_left,
+                    (from_force_.a11 + half_track * from_force_.a12) / radius_right,
+                    (from_force_.a21 - half_track * from_force_.a22) / radius_left,
+                    (from_force_.a21 + half_track * from_force_.a22) / radius_right};
+
+    const std::array<DryEffect, model::kMaxColumns> before = dry_;
+    const std::size_t count_before = dry_count_;
+    dry_count_ = 0;
+    model::for_each_column(
+        p.effects, model::Motion<double>{},
+        [&](std::size_t i, unsigned j, const WheelPair<double>& direction, bool is_dry) {
+            if (!is_dry || p.effects.parameter[i][j] <= 0) return;
+            DryEffect& dry = dry_[dry_count_++];
+            dry.direction = direction;
+            dry.response = {from_torque_.a11 * direction.left + from_torque_.a12 * direction.right,
+                            from_torque_.a21 * direction.left + from_torque_.a22 * direction.right};
+            dry.limit_Nm = p.effects.parameter[i][j];
+            dry.compliance = direction.left * dry.response.left + direction.right * dry.response.right;
+        });
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        const double last = dry_count_ == count_before ? before[j].lambda_Nm : 0;
+        dry_[j].lambda_Nm = std::clamp(last, -dry_[j].limit_Nm, dry_[j].limit_Nm);
+    }
+    place(pose_, twist_);
+}
+
+void Plant::add_payload(const Payload& load) {
+    PlantParameters p = parameters_;
+    p.mass_kg += load.mass_kg;
+    p.inertia_kg_m2 +=
+        load.inertia_kg_m2 + load.mass_kg * (load.ahead_m * load.ahead_m + load.left_m * load.left_m);
+    p.mass_coupling_kg_m -= load.mass_kg * load.left_m;
+    p.centrifugal_kg_m += load.mass_kg * load.ahead_m;
+    p.coriolis_kg_m -= load.mass_kg * load.ahead_m;
+    set_parameters(p);
+}
+
+void Plant::place(const Pose<double>& pose, const Twist<double>& twist) {
+    pose_ = pose;
+    const SineCosine heading = sine_cosine(pose.heading_rad);
+    heading_sine_ = heading.sine;
+    heading_cosine_ = heading.cosine;
+    twist_ = twist;
+    speed_ = model::wheel_speeds_from_twist(parameters_.geometry, twist);
+}
+
+double Plant::kinetic_energy_J() const {
+    const double v = twist_.v_m_per_s;
+    const double omega = twist_.omega_rad_per_s;
+    return (parameters_.mass_kg * v * v + parameters_.inertia_kg_m2 * omega * omega) / 2 +
+           parameters_.mass_coupling_kg_m * v * omega;
+}
+
+Twist<double> Plant::twist_of(const WheelPair<double>& speed) const {
+    return model::twist_from_wheel_speeds(parameters_.geometry, speed);
+}
+
+WheelPair<double> Plant::acceleration(const WheelPair<double>& speed, const WheelPair<double>& torque_Nm,
+                                      WheelPair<double>& smooth_Nm) const {
+    const Twist<double> u = twist_of(speed);
+    const model::Motion<double> motion{speed, angle_, u, pose_.heading_rad};
+    WheelPair<double> smooth{};
+    model::for_each_column(parameters_.effects, motion,
+                           [&](std::size_t i, unsigned j, const WheelPair<double>& column, bool is_dry) {
+                               if (is_dry) return;
+                               smooth.left += parameters_.effects.parameter[i][j] * column.left;
+                               smooth.right += parameters_.effects.parameter[i][j] * column.right;
+                           });
+    smooth_Nm = smooth;
+    const double forward =
+        parameters_.centrifugal_kg_m * u.omega_rad_per_s * u.omega_rad_per_s + disturbance_.force_N;
+    const double yaw =
+        parameters_.coriolis_kg_m * u.v_m_per_s * u.omega_rad_per_s + disturbance_.yaw_torque_Nm;
+    const double left = torque_Nm.left + smooth.left;
+    const double right = torque_Nm.right + smooth.right;
+    return {from_force_.a11 * forward + from_force_.a12 * yaw + from_torque_.a11 * left +
+                from_torque_.a12 * right,
+            from_force_.a21 * forward + from_force_.a22 * yaw + from_torque_.a21 * left +
+                from_torque_.a22 * right};
+}
+
+// `speed` comes without the dry torques and leaves with them.
+void Plant::solve_dry(double dt_s, WheelPair<double>& speed) {
+    // Two wheels' own friction converges tenfold and faster per sweep; the bound is for the odd case of more
+    // directions than wheels.
+    constexpr int kMostSweeps = 60;
+    constexpr double kTolerance = 1e-14;
+
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        speed.left -= dt_s * dry_[j].lambda_Nm * dry_[j].response.left;
+        speed.right -= dt_s * dry_[j].lambda_Nm * dry_[j].response.right;
+    }
+    for (int sweep = 0; sweep < kMostSweeps; ++sweep) {
+        bool settled = true;
+        for (std::size_t j = 0; j < dry_count_; ++j) {
+            DryEffect& dry = dry_[j];
+            const double sliding = model::sliding_speed(dry.direction, speed);
+            const double wanted = dry.lambda_Nm + sliding / (dt_s * dry.compliance);
+            const double lambda = std::clamp(wanted, -dry.limit_Nm, dry.limit_Nm);
+            const double change = lambda - dry.lambda_Nm;
+            if (change == 0) continue;
+            if (std::abs(change) > kTolerance * dry.limit_Nm) settled = false;
+            dry.lambda_Nm = lambda;
+            speed.left -= dt_s * change * dry.response.left;
+            speed.right -= dt_s * change * dry.response.right;
+        }
+        if (settled) break;
+    }
+    // What sticks has no speed at all: rounding must not let a parked robot creep.
+    WheelPair<double> stuck{};
+    bool have_one = false;
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        const DryEffect& dry = dry_[j];
+        if (std::abs(dry.lambda_Nm) >= dry.limit_Nm) continue;
+        if (have_one && dry.direction.left * stuck.right !=
+                            dry.direction.right * stuck.left) {  // two directions: no motion
+            speed = {};
+            return;
+        }
+        have_one = true;
+        stuck = dry.direction;
+        const double remains =
+            model::sliding_speed(stuck, speed) / (stuck.left * stuck.left + stuck.right * stuck.right);
+        speed.left = stuck.right == 0 ? 0 : speed.left - remains * stuck.left;
+        speed.right = stuck.left == 0 ? 0 : speed.right - remains * stuck.right;
+    }
+}
+
+void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
+    WheelPair<double> dry{};
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        dry.left -= dry_[j].lambda_Nm * dry_[j].direction.left;
+        dry.right -= dry_[j].lambda_Nm * dry_[j].direction.right;
+    }
+    WheelPair<double> smooth;
+    const WheelPair<double> first =
+        acceleration(speed_, {torque_Nm.left + dry.left, torque_Nm.right + dry.right}, smooth);
+    const WheelPair<double> middle{speed_.left + dt_s / 2 * first.left,
+                                   speed_.right + dt_s / 2 * first.right};
+    const WheelPair<double> second = acceleration(middle, torque_Nm, smooth);
+    WheelPair<double> speed{speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
+    if (dry_count_ > 0) {
+        solve_dry(dt_s, speed);
+        dry = {};
+        for (std::size_t j = 0; j < dry_count_; ++j) {
+            dry.left -= dry_[j].lambda_Nm * dry_[j].direction.left;
+            dry.right -= dry_[j].lambda_Nm * dry_[j].direction.right;
+        }
+    }
+    const double turned_left = dt_s / 2 * (speed_.left + speed.left);
+    const double turned_right = dt_s / 2 * (speed_.right + speed.right);
+    angle_.left += turned_left;
+    angle_.right += turned_right;
+    const Twist<double> moved = twist_of({turned_left, turned_right});
+    advance_pose(moved.v_m_per_s, moved.omega_rad_per_s);
+    speed_ = speed;
+    twist_ = twist_of(speed);
+    torques_ = {torque_Nm, smooth, dry};
+}
+
+// As model::advance_along_arc, with the heading's sine and cosine carried along instead of computed.
+void Plant::advance_pose(double distance_m, double turn_rad) {
+    const double half = turn_rad / 2;
+    const double square = half * half;
+    // A step turns by far less than 0.1 rad: the series are exact to rounding.
+    const double shrink = 1 - square / 6 * (1 - square / 20 * (1 - square / 42));
+    const double sine = half * shrink;
+    const double cosine = 1 - square / 2 * (1 - square / 12 * (1 - square / 30 * (1 - square / 56)));
+    const double middle_cosine = heading_cosine_ * cosine - heading_sine_ * sine;
+    const double middle_sine = heading_sine_ * cosine + heading_cosine_ * sine;
+    pose_.x_m += distance_m * shrink * middle_cosine;
+    pose_.y_m += distance_m * shrink * middle_sine;
+    pose_.heading_rad += turn_rad;
+    const double end_cosine = middle_cosine * cosine - middle_sine * sine;
+    const double end_sine = middle_sine * cosine + middle_cosine * sine;
+    const double rescale = 1.5 - (end_cosine * end_cosine + end_sine * end_sine) / 2;
+    heading_cosine_ = end_cosine * rescale;
+    heading_sine_ = end_sine * rescale;
+}
+
+}  // namespace wheelwright::sim

@@ -1,0 +1,129 @@
+// The simulated robot's body: a differential drive with the effects of the catalogue, its own numbers, and
+// dry friction that holds exactly.
+//
+// Equations, in u = (v, omega) with generalised masses M:
+//   M u' = (c omega^2 + F, d v omega + N) + G^T (torque + smooth effects - dry effects),   w = G u,
+// where w are the wheel speeds, F, N an external push, and G follows from radii and track. With d = -c (true
+// for every physical robot) the velocity terms do no work. M has an off-diagonal entry when the centre of
+// gravity is off the middle line or the wheels differ. For equal wheels this is eq (42), (43) with
+// K7 = 1 / (M11 r), K8 = b / (2 r M22), K5 = c / M11, K6 = d / M22.
+//
+// One step is a midpoint step of everything smooth, followed by the dry torques as a complementarity problem
+// (each is at its limit against the sliding, or inside its limits and nothing slides; Moreau's time
+// stepping), solved by projected Gauss-Seidel from the last step's solution. A wheel that sticks has speed
+// zero, exactly. Plain arithmetic only: the same bits on every machine.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+#include "firmware/model/types.hpp"
+
+namespace wheelwright::sim {
+
+struct PlantParameters {
+    model::Geometry<double> geometry;
+    double mass_kg = 0;             // M11: with the wheels' rotation
+    double inertia_kg_m2 = 0;       // M22: about the axle's middle, with the wheels' rotation
+    double mass_coupling_kg_m = 0;  // M12 = M21
+    double centrifugal_kg_m = 0;    // c: mass times distance of the centre of gravity ahead of the axle
+    double coriolis_kg_m = 0;       // d: minus the same in physical robots
+    model::EffectSet<double> effects;
+};
+
+// K7 and K8 must be positive. K5 and K6 are taken as they are, coupled or not.
+PlantParameters plant_from_dynamics(const model::Geometry<double>& geometry,
+                                    const model::Dynamics<double>& dynamics,
+                                    const model::EffectSet<double>& effects);
+
+PlantParameters plant_from_mass(const model::Geometry<double>& geometry,
+                                const model::MassProperties<double>& body,
+                                const model::EffectSet<double>& effects);
+
+// K5..K8 of a plant whose wheels are equal and whose mass coupling is zero; else of the nearest such one.
+model::Dynamics<double> plant_dynamics(const PlantParameters& parameters);
+
+// Something put on the robot, with its own centre of gravity at (ahead, left) of the axle's middle.
+struct Payload {
+    double mass_kg = 0;
+    double inertia_kg_m2 = 0;  // about its own centre of gravity
+    double ahead_m = 0;
+    double left_m = 0;
+};
+
+// An external push on the body, at the axle's middle, in the body frame.
+struct Disturbance {
+    double force_N = 0;
+    double yaw_torque_Nm = 0;
+};
+
+// What acted in the last step, at the wheels.
+struct PlantTorques {
+    WheelPair<double> motor_Nm;
+    WheelPair<double> smooth_effects_Nm;  // at the step's midpoint
+    WheelPair<double> dry_effects_Nm;
+};
+
+class Plant {
+  public:
+    explicit Plant(const PlantParameters& parameters, const Pose<double>& start = {});
+
+    // Advances by `dt_s` in (0, 0.0005] under wheel torques whose mean over the step is `torque_Nm`.
+    // Cost: about 200 instructions with viscous and Coulomb friction.
+    void advance(double dt_s, const WheelPair<double>& torque_Nm);
+
+    // New numbers from the next step on. Speeds and pose stay (what comes on board moves with the robot).
+    void set_parameters(const PlantParameters& parameters);
+    void add_payload(const Payload& payload);
+    void set_disturbance(const Disturbance& disturbance) { disturbance_ = disturbance; }
+
+    // Puts the state; wheel angles stay.
+    void place(const Pose<double>& pose, const Twist<double>& twist);
+
+    const PlantParameters& parameters() const { return parameters_; }
+    const Pose<double>& pose() const { return pose_; }  // heading not wrapped
+    const Twist<double>& twist() const { return twist_; }
+    const WheelPair<double>& wheel_speed_rad_per_s() const { return speed_; }
+    const WheelPair<double>& wheel_angle_rad() const { return angle_; }
+    const PlantTorques& torques() const { return torques_; }
+    bool at_rest() const { return speed_.left == 0 && speed_.right == 0; }
+    double kinetic_energy_J() const;
+
+  private:
+    struct Matrix {  // rows: left, right wheel
+        double a11 = 0, a12 = 0, a21 = 0, a22 = 0;
+    };
+    struct DryEffect {
+        WheelPair<double> direction;
+        WheelPair<double> response;  // wheel acceleration per unit of lambda
+        double limit_Nm = 0;
+        double compliance = 0;  // sliding acceleration per unit of lambda
+        double lambda_Nm = 0;   // the solution of the last step
+    };
+
+    WheelPair<double> acceleration(const WheelPair<double>& speed, const WheelPair<double>& torque_Nm,
+                                   WheelPair<double>& smooth_Nm) const;
+    void solve_dry(double dt_s, WheelPair<double>& speed);
+    void advance_pose(double distance_m, double turn_rad);
+    Twist<double> twist_of(const WheelPair<double>& speed) const;
+
+    PlantParameters parameters_;
+    Disturbance disturbance_;
+    // Derived from parameters_.
+    Matrix from_torque_;  // wheel acceleration per wheel torque: G M^-1 G^T
+    Matrix from_force_;   // wheel acceleration per body force: G M^-1; columns: forward, yaw
+    std::array<DryEffect, model::kMaxColumns> dry_{};
+    std::size_t dry_count_ = 0;
+
+    WheelPair<double> speed_;
+    WheelPair<double> angle_;
+    Twist<double> twist_;
+    Pose<double> pose_;
+    double heading_cosine_ = 1;
+    double heading_sine_ = 0;
+    PlantTorques torques_;
+};
+
+}  // namespace wheelwright::sim

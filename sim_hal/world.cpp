@@ -1,0 +1,171 @@
+#include "sim_hal/world.hpp"
+
+#include <algorithm>
+
+namespace wheelwright::sim {
+
+SimOdriveConfig sim_odrive_config(const model::RobotParameters& truth, const WorldOptions& options,
+                                  std::size_t side) {
+    const model::DriveParameters& drive = side == 0 ? truth.drive.left : truth.drive.right;
+    Random random(options.seed, 100 + side);
+    SimOdriveConfig c;
+    c.generation = truth.drive.generation;
+    c.node = drive.node;
+    c.sign = drive.sign;
+    c.gear_ratio = drive.gear_ratio;
+    c.torque_constant_Nm_per_A = drive.torque_constant_Nm_per_A;
+    c.torque_scale = drive.torque_scale;
+    c.current_limit_A = options.current_limit_A;
+    c.torque_lag_s = options.torque_lag_s;
+    c.torque_noise_Nm = options.torque_noise_Nm;
+    c.torque_ripple_Nm = options.torque_ripple_Nm;
+    c.command_latency_s = options.command_latency_s;
+    c.counts_per_turn = options.encoder_counts_per_turn;
+    c.encoder_noise_rad = options.encoder_noise_rad;
+    c.filter_bandwidth_rad_per_s = options.filter_bandwidth_rad_per_s;
+    c.heartbeat_period_ms = truth.drive.heartbeat_period_ms;
+    c.encoder_period_ms = truth.drive.encoder_period_ms;
+    c.torque_period_ms = truth.drive.torque_period_ms;
+    c.watchdog_enabled = options.watchdog_enabled;
+    c.watchdog_timeout_s = truth.drive.watchdog_timeout_s;
+    c.watchdog_endpoint = truth.drive.watchdog_endpoint;
+    c.arming_time_s = options.arming_time_s;
+    c.clock_error_ppm = options.clock_error_ppm[side];
+    c.phase_ns = options.phase_ns[side] >= 0 ? options.phase_ns[side]
+                                             : static_cast<std::int64_t>(random.bits() % 1'000'000U);
+    c.seed = options.seed;
+    c.stream = 1 + side;
+    return c;
+}
+
+World::World(const model::RobotParameters& truth, const WorldOptions& options, hal::CanBus& bus)
+    : options_(options),
+      bus_(bus),
+      port_(bus, totals_),
+      plant_(plant_from_dynamics(truth.geometry, truth.dynamics, truth.effects), options.start_pose),
+      drives_{SimOdrive(sim_odrive_config(truth, options, 0), options.start_ns),
+              SimOdrive(sim_odrive_config(truth, options, 1), options.start_ns)},
+      random_(options.seed, 3),
+      now_ns_(options.start_ns),
+      next_pose_ns_(InProcessBus::never_ns) {
+    if (options.external_pose_rate_Hz > 0) {
+        pose_period_ns_ = static_cast<std::int64_t>(1e9 / options.external_pose_rate_Hz + 0.5);
+        next_pose_ns_ = options.start_ns + pose_period_ns_;
+    }
+}
+
+void World::Port::push(const hal::CanFrame& frame) {
+    if (!late && bus_.send(frame) == hal::CanStatus::ok) {
+        ++totals_.frames_sent;
+    } else {
+        ++totals_.frames_lost;
+    }
+}
+
+std::int64_t World::next_event_ns() const {
+    return std::min({drives_[0].next_event_ns(), drives_[1].next_event_ns(), next_pose_ns_});
+}
+
+void World::move_body_to(std::int64_t until_ns) {
+    while (now_ns_ < until_ns) {
+        const std::int64_t step_ns = std::min(until_ns - now_ns_, kLongestStep_ns);
+        const double dt_s = static_cast<double>(step_ns) * 1e-9;
+        const double left_Nm = drives_[0].advance_torque(dt_s);
+        const double right_Nm = drives_[1].advance_torque(dt_s);
+        plant_.advance(dt_s, {left_Nm, right_Nm});
+        now_ns_ += step_ns;
+        ++totals_.plant_steps;
+    }
+}
+
+// Everything due up to `until_ns`; the body stays at the last event.
+void World::run_events_to(std::int64_t until_ns, std::int64_t now_ns) {
+    for (;;) {
+        const std::int64_t next_ns = next_event_ns();
+        if (next_ns > until_ns) return;
+        move_body_to(next_ns);
+        port_.late = now_ns - next_ns > kOverdue_ns;
+        if (drives_[0].next_event_ns() == next_ns) {
+            drives_[0].run_event(plant_.wheel_angle_rad().left, plant_.wheel_speed_rad_per_s().left, port_);
+        }
+        if (drives_[1].next_event_ns() == next_ns) {
+            drives_[1].run_event(plant_.wheel_angle_rad().right, plant_.wheel_speed_rad_per_s().right, port_);
+        }
+        if (next_pose_ns_ == next_ns) sample_external_pose();
+    }
+}
+
+void World::deliver(const hal::CanFrame& frame, std::int64_t time_ns) {
+    port_.late = false;
+    for (SimOdrive& drive : drives_) drive.receive(frame, time_ns, port_);
+    // A 0.5 board has two axes and clears the errors of both.
+    if (options_.one_board && drives_[0].config().generation == 5 && !frame.remote && !frame.extended &&
+        (frame.id & 0x1FU) == 0x18U) {
+        for (const SimOdrive& drive : drives_) {
+            if (frame.id >> 5U != static_cast<std::uint32_t>(drive.config().node)) continue;
+            for (SimOdrive& each : drives_) each.clear_errors();
+        }
+    }
+}
+
+void World::pump_events(std::int64_t now_ns) {
+    hal::ReceivedFrame received;
+    while (bus_.receive(received) == hal::CanStatus::ok) {
+        if (received.frame.error) continue;
+        const std::int64_t time_ns = std::clamp(received.timestamp_ns, now_ns_, std::max(now_ns, now_ns_));
+        run_events_to(time_ns, now_ns);
+        deliver(received.frame, time_ns);
+    }
+    run_events_to(now_ns, now_ns);
+}
+
+void World::pump(std::int64_t now_ns) {
+    pump_events(now_ns);
+    move_body_to(now_ns);
+}
+
+void World::advance_to(std::int64_t now_ns) {
+    run_events_to(now_ns, now_ns);
+    move_body_to(now_ns);
+}
+
+void World::sample_external_pose() {
+    if (pose_count_ == poses_.size()) {
+        pose_first_ = (pose_first_ + 1) % poses_.size();
+        --pose_count_;
+        ++totals_.poses_lost;
+    }
+    ExternalPose& sample = poses_[(pose_first_ + pose_count_++) % poses_.size()];
+    sample.pose.x_m = pose().x_m + options_.external_pose_noise_m * random_.gaussian();
+    sample.pose.y_m = pose().y_m + options_.external_pose_noise_m * random_.gaussian();
+    sample.pose.heading_rad = pose().heading_rad + options_.external_heading_noise_rad * random_.gaussian();
+    sample.sample_time_ns = next_pose_ns_;
+    sample.ready_time_ns =
+        next_pose_ns_ + static_cast<std::int64_t>(options_.external_pose_delay_s * 1e9 + 0.5);
+    next_pose_ns_ += pose_period_ns_;
+}
+
+bool World::take_external_pose(ExternalPose& out) {
+    if (pose_count_ == 0 || poses_[pose_first_].ready_time_ns > now_ns_) return false;
+    out = poses_[pose_first_];
+    pose_first_ = (pose_first_ + 1) % poses_.size();
+    --pose_count_;
+    return true;
+}
+
+void VirtualRobot::run_until(std::int64_t deadline_ns) {
+    world_.pump_events(clock_.now_ns());
+    for (;;) {
+        std::int64_t next_ns = std::min(world_.next_event_ns(), bus_.next_event_ns());
+        // A frame still there after a pump is one that a failed endpoint holds back.
+        const std::int64_t receive_ns = endpoint_.next_receive_ns();
+        if (receive_ns > clock_.now_ns()) next_ns = std::min(next_ns, receive_ns);
+        if (next_ns > deadline_ns) break;
+        clock_.advance_to(next_ns);
+        world_.pump_events(clock_.now_ns());
+    }
+    clock_.advance_to(deadline_ns);
+    world_.pump(deadline_ns);
+}
+
+}  // namespace wheelwright::sim
