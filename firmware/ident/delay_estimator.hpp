@@ -31,9 +31,10 @@ struct DelayEstimate {
 template <typename Real>
 class DelayEstimator {
   public:
-    // options.delay_s is ignored.
+    // options.delay_s and tap_spacing_s are ignored.
     void configure(RegressionFilterOptions<Real> options) {
-        options.delay_s = 0;
+        options.delay_s = kTapSpacing_s * (kTaps - 1) / 2;  // the first tap at 0
+        options.tap_spacing_s = kTapSpacing_s;
         filter_.configure(options);
         const int size = kFixed + filter_.columns();
         Vector prior{};
@@ -84,6 +85,7 @@ class DelayEstimator {
 
   private:
     static constexpr int kTaps = 4;
+    static constexpr double kTapSpacing_s = 0.002;
     static constexpr int kFixed = 1 + kTaps;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
     static constexpr Real kPriorVariance = Real(1e6);

@@ -57,12 +57,13 @@ struct RegressionFilterOptions {
     double sample_time_s{};
     double kernel_s{};                          // half the averaging weight's length
     double delay_s{};                           // from a cycle's start to the centroid of its torque
+    double tap_spacing_s{};                     // between torque columns, if there are several
     Real standing_speed_rad_per_s = Real(0.2);  // a wheel slower than this may be held by dry friction
     int standing_samples = 5;                   // for longer than this: the row is not usable
 };
 
-// kTaps torque columns, tap k delayed by delay_s + k * kTapSpacing_s (only the delay estimator has several).
-inline constexpr double kTapSpacing_s = 0.002;
+// The torque columns are kTaps wide, evenly spaced about `delay_s`: one for a known actuator, three where the
+// drive's lag is estimated too, four where the delay is.
 
 template <typename Real, int kTaps = 1>
 class RegressionFilter {
@@ -85,17 +86,17 @@ class RegressionFilter {
         columns_ = 0;
         model::for_each_column(options_.effects, model::Motion<Real>{},
                                [this](std::size_t, unsigned, const WheelPair<Real>&, bool) { ++columns_; });
-        set_delay(options.delay_s);
+        set_delay(options.delay_s, options.tap_spacing_s);
         restart();
     }
 
-    // Clipped to what the history holds (0 to 24 samples). The rows under way mix both delays.
-    void set_delay(double delay_s) {
+    // Each tap is clipped to what the history holds (-2 to 24 samples). The rows under way mix both delays.
+    void set_delay(double delay_s, double tap_spacing_s = 0) {
         for (int k = 0; k < kTaps; ++k) {
-            const double samples =
-                std::clamp((delay_s + k * kTapSpacing_s) / options_.sample_time_s, 0.0, kMaximumDelay);
+            const double at_s = delay_s + (k - (kTaps - 1) / 2.0) * tap_spacing_s;
+            const double samples = std::clamp(at_s / options_.sample_time_s, kMinimumDelay, kMaximumDelay);
             Tap& tap = tap_[static_cast<std::size_t>(k)];
-            tap.whole = static_cast<unsigned>(samples);
+            tap.whole = static_cast<int>(std::floor(samples));
             const auto f = static_cast<Real>(samples - static_cast<double>(tap.whole));
             tap.newest = (1 - f) * (1 - f) / 2;
             tap.oldest = f * f / 2;
@@ -146,13 +147,14 @@ class RegressionFilter {
     static constexpr unsigned kSpeedSpan = 4;
     static constexpr unsigned kAngles = 8;
     static constexpr unsigned kTorques = 32;
+    static constexpr double kMinimumDelay = -2;
     static constexpr double kMaximumDelay = 24;
     static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
     static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxColumns;
     using Signals = std::array<Real, kSignals>;
 
     struct Tap {
-        unsigned whole = 0;
+        int whole = 0;
         Real newest{}, middle{}, oldest{};
     };
     // A block's share in the three rows it is part of.
@@ -204,7 +206,7 @@ class RegressionFilter {
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
             const Tap& tap = tap_[k];
             // torque_[n] was told in cycle n - 1
-            const unsigned n = now - kLatency + 1 - tap.whole;
+            const unsigned n = now - static_cast<unsigned>(kLatency - 1 + tap.whole);
             const WheelPair<Real>& a = torque_[n % kTorques];
             const WheelPair<Real>& b = torque_[(n - 1) % kTorques];
             const WheelPair<Real>& c = torque_[(n - 2) % kTorques];
