@@ -26,6 +26,7 @@
 #include <string_view>
 
 #include "firmware/control/velocity_loop.hpp"
+#include "firmware/control/wheel_observer.hpp"
 #include "firmware/model/robot_parameters.hpp"
 
 namespace wheelwright::control {
@@ -84,7 +85,7 @@ struct LoopDesignResult {
 template <typename Real>
 class LoopDesign {
   public:
-    static constexpr Real kSettlingShare = Real(0.5);  // of the wanted time, for the nominal response
+    static constexpr Real kSettlingShare = Real(0.6);  // of the wanted time, for the nominal response
 
     void begin(const LoopDesignRequest<Real>& request) {
         request_ = request;
@@ -94,11 +95,7 @@ class LoopDesign {
         const Real whole = std::clamp(std::floor(cycles), Real(0), Real(kMemory - 2));
         delay_cycles_ = static_cast<std::size_t>(whole);
         delay_fraction_ = std::clamp(cycles - whole, Real(0), Real(1));
-        const Real p = std::exp(-request.observer_bandwidth_rad_per_s * request.encoder_period_s);
-        const Real q = 1 - p;
-        angle_gain_ = 1 - p * p * p;
-        speed_gain_ = Real(1.5) * (1 - p * p) * q / request.encoder_period_s;
-        error_gain_ = q * q * q / (request.encoder_period_s * request.encoder_period_s);
+        observer_ = observer_gains(request.observer_bandwidth_rad_per_s, request.encoder_period_s);
         LoopGains<Real>& g = result_.gains;
         if (request.method == model::LoopDesignMethod::paper) {
             const Real omega_n = Real(4.605170185988091) / (request.damping * request.settling_time_s);
@@ -243,9 +240,10 @@ class LoopDesign {
         const Complex one{1, 0};
         const Complex sum = one / (one - zi);
         // states after the correction, per unit innovation
-        const Complex error = error_gain_ * sum;
-        const Complex speed = (t * (zi * error) + Complex{speed_gain_, 0}) * sum;
-        const Complex angle = (t * (zi * speed) + (t * t / 2) * (zi * error) + Complex{angle_gain_, 0}) * sum;
+        const Complex error = observer_.error_per_s2 * sum;
+        const Complex speed = (t * (zi * error) + Complex{observer_.speed_per_s, 0}) * sum;
+        const Complex angle =
+            (t * (zi * speed) + (t * t / 2) * (zi * error) + Complex{observer_.angle, 0}) * sum;
         // what the filter expected of the sample, per unit innovation
         const Complex expected = zi * (angle + t * speed + (t * t / 2) * error) -
                                  age * (zi * (speed + t * error)) + (age * age / 2) * (zi * error);
@@ -272,9 +270,9 @@ class LoopDesign {
         const Real size = loop.size();
         const Complex back = one + loop;
         result_.sensitivity_peak = std::max(result_.sensitivity_peak, 1 / back.size());
-        // A positive phase margin is the angle above -180 degrees; taken at each crossing of |L| = 1.
+        // A positive phase margin is the angle above -180 degrees; taken where |L| falls below 1.
         const Real phase = std::atan2(-loop.im, -loop.re);  // of -L: 0 at the critical point
-        if (at_ > 0 && (last_size_ - 1) * (size - 1) <= 0 && last_size_ != size) {
+        if (at_ > 0 && last_size_ > 1 && size <= 1) {
             const Real share = (last_size_ - 1) / (last_size_ - size);
             const Real crossing = last_phase_ + share * wrap_angle_rad(phase - last_phase_);
             const Real margin_deg = crossing * Real(57.29577951308232);  // negative: unstable
@@ -304,9 +302,7 @@ class LoopDesign {
     Stage stage_ = Stage::response;
     std::size_t delay_cycles_ = 0;
     Real delay_fraction_{};
-    Real angle_gain_{};
-    Real speed_gain_{};
-    Real error_gain_{};
+    ObserverGains<Real> observer_;
     std::array<Real, kMemory> sent_{};
     int at_ = 0;
     int samples_ = 0;

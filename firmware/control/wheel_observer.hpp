@@ -1,12 +1,12 @@
 // Speed and angle of both wheels at the cycle's instant, from encoder positions that arrive at each drive's
 // own phase.
 //
-// Per wheel a third-order filter of position (angle, speed, acceleration error) with a triple pole: the
-// critically damped g-h-k filter (Brookner, "Tracking and Kalman filtering made easy", 1998, sect. 1.3),
-// gains 1 - p^3, 1.5 (1 - p^2)(1 - p) / T, (1 - p)^3 / T^2 with p = exp(-bandwidth T). Between
-// measurements it moves by the model's acceleration from the torque that acts *now*, that is the torque sent
-// one actuation delay ago. With a right model it therefore lags behind nothing; a wrong model is corrected
-// with the filter's bandwidth, and constant errors (friction, a slope, a wrong K) leave no bias.
+// Per wheel a third-order filter of position (angle, speed, acceleration error). Between measurements it
+// moves by the model's acceleration from the torque that acts *now*, that is the torque sent one actuation
+// delay ago. With a right model it therefore lags behind nothing; a wrong model is corrected with the
+// filter's bandwidth, and constant errors (friction, a slope) leave no bias. An error of K is not constant:
+// it lasts as long as an acceleration does, and would make the estimate swing over afterwards. So the
+// acceleration error is learned slowly, and hardly at all during accelerations beyond calm_acceleration.
 //
 // Each sample is compared with the state moved back to the sample's own time, so the drives' phases may
 // differ and drift. Time stamps are smoothed: a drive samples on its own regular clock, and frames only ever
@@ -32,13 +32,37 @@ struct EncoderSample {
     std::int64_t time_ns = 0;    // receive time stamp; 0: none yet. A repeated time is the same sample
 };
 
+// Gains on the innovation. The filter x' = x + T v + T^2/2 a, v' = v + T a, a' = a with corrections g e, h e
+// / T, k e / T^2 has the characteristic polynomial
+//   z^3 - (3 - g - h - k/2) z^2 + (3 - 2g - h + k/2) z - (1 - g),
+// here with poles p, p, s; p = exp(-bandwidth T), s = exp(-kErrorShare bandwidth T).
+template <typename Real>
+struct ObserverGains {
+    Real angle{};
+    Real speed_per_s{};
+    Real error_per_s2{};
+};
+
+inline constexpr double kErrorShare = 0.15;
+
+template <typename Real>
+ObserverGains<Real> observer_gains(Real bandwidth_rad_per_s, Real period_s) {
+    const Real p = std::exp(-bandwidth_rad_per_s * period_s);
+    const Real s = std::exp(-Real(kErrorShare) * bandwidth_rad_per_s * period_s);
+    const Real g = 1 - p * p * s;
+    const Real k = (1 - p) * (1 - p) * (1 - s);
+    const Real h = 3 - g - k / 2 - (2 * p + s);
+    return {g, h / period_s, k / (period_s * period_s)};
+}
+
 template <typename Real>
 struct WheelObserverSettings {
     Real cycle_s{};
-    Real encoder_period_s{};     // nominal period of the drives' encoder frames
-    Real bandwidth_rad_per_s{};  // p = exp(-bandwidth encoder_period)
-    Real actuation_delay_s{};    // from a cycle's start to the centroid of its torque; at most 21 cycles
-    Real restart_after_s = Real(0.02);  // a gap in the samples after which the filter starts anew
+    Real encoder_period_s{};  // nominal period of the drives' encoder frames
+    Real bandwidth_rad_per_s{};
+    Real actuation_delay_s{};  // from a cycle's start to the centroid of its torque; at most 21 cycles
+    Real calm_acceleration_rad_per_s2{};  // of a wheel, > 0
+    Real restart_after_s = Real(0.02);    // a gap in the samples after which the filter starts anew
 };
 
 template <typename Real>
@@ -49,12 +73,7 @@ class WheelObserver {
 
     void configure(const WheelObserverSettings<Real>& settings) {
         settings_ = settings;
-        const Real period = settings.encoder_period_s;
-        const Real p = std::exp(-settings.bandwidth_rad_per_s * period);
-        const Real q = 1 - p;
-        angle_gain_ = 1 - p * p * p;
-        speed_gain_per_s_ = Real(1.5) * (1 - p * p) * q / period;
-        error_gain_per_s2_ = q * q * q / (period * period);
+        gains_ = observer_gains(settings.bandwidth_rad_per_s, settings.encoder_period_s);
         const Real cycles = settings.actuation_delay_s / settings.cycle_s;
         const Real whole = std::min(std::floor(cycles), Real(kTorqueMemory - 3));
         delay_cycles_ = static_cast<std::size_t>(std::max(whole, Real(0)));
@@ -138,7 +157,8 @@ class WheelObserver {
             0;  // angle at the last update; `angle` counts from here, so that float keeps its digits
         Real angle{};
         Real speed{};
-        Real error{};                  // acceleration error
+        Real error{};  // acceleration error
+        Real model_acceleration{};
         std::int64_t heard_ns = 0;     // receive time of the newest sample
         std::int64_t smoothed_ns = 0;  // its smoothed time
         std::array<Sample, kSampleMemory> samples;
@@ -185,7 +205,7 @@ class WheelObserver {
 
     // Accelerations of the wheels by the model, the acceleration error included. Dry friction is an impulse
     // that may stop a wheel within the step but never turns it back, so a stuck wheel is predicted at rest.
-    WheelPair<Real> predict_acceleration(const PlantModel<Real>& plant, Real dt) const {
+    WheelPair<Real> predict_acceleration(const PlantModel<Real>& plant, Real dt) {
         const auto& g = plant.geometry;
         const auto& k = plant.dynamics;
         const WheelPair<Real> torque = acting_torque_Nm();
@@ -199,6 +219,8 @@ class WheelObserver {
         const TwistRate<Real> body = model::acceleration(k, motion_.twist, net);
         WheelPair<Real> a =
             model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
+        wheels_[0].model_acceleration = a.left;
+        wheels_[1].model_acceleration = a.right;
         a.left += wheels_[0].error;
         a.right += wheels_[1].error;
         model::for_each_column(
@@ -238,9 +260,10 @@ class WheelObserver {
         wheel.count = std::min(wheel.count + 1, kSampleMemory);
         const Real then = wheel.angle - age * (wheel.speed - acceleration * age / 2);
         const Real innovation = Real(sample.position_rad - wheel.base) - then;
-        wheel.angle += angle_gain_ * innovation;
-        wheel.speed += speed_gain_per_s_ * innovation;
-        wheel.error += error_gain_per_s2_ * innovation;
+        wheel.angle += gains_.angle * innovation;
+        wheel.speed += gains_.speed_per_s * innovation;
+        const Real calm = wheel.model_acceleration / settings_.calm_acceleration_rad_per_s2;
+        wheel.error += gains_.error_per_s2 * innovation / (1 + calm * calm);
     }
 
     void smooth_time(Wheel& wheel, std::int64_t time_ns, bool restart) {
@@ -260,9 +283,7 @@ class WheelObserver {
     }
 
     WheelObserverSettings<Real> settings_;
-    Real angle_gain_{};
-    Real speed_gain_per_s_{};
-    Real error_gain_per_s2_{};
+    ObserverGains<Real> gains_;
     std::size_t delay_cycles_ = 0;
     Real delay_fraction_{};
     std::array<Wheel, 2> wheels_;
@@ -280,6 +301,9 @@ WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters
     to.encoder_period_s = Real(from.drive.encoder_period_ms) / 1000;
     to.bandwidth_rad_per_s = Real(from.velocity_loop.observer_bandwidth_rad_per_s);
     to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s);
+    // a tenth of what the torque limit can give
+    to.calm_acceleration_rad_per_s2 =
+        Real(0.1 * 2 * from.limits.torque_Nm * from.dynamics.k7_per_kg_m / from.geometry.mean_radius_m());
     return to;
 }
 
