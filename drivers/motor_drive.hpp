@@ -8,15 +8,19 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
+#include <string_view>
 
 #include "hal/can_bus.hpp"
 
 namespace wheelwright::drivers {
 
+enum class Wheel : std::uint8_t { left, right };
+
 enum class DriveState : std::uint8_t {
     silent,  // nothing heard within the heartbeat time-out
     idle,    // alive, delivers no torque
-    arming,  // the arming sequence is under way
+    arming,  // on the way from idle to armed, or back
     armed,   // follows torque commands
     fault,   // reports an error or has left the armed state by itself
 };
@@ -27,6 +31,33 @@ enum class ArmRefusal : std::uint8_t {
     drive_error,
     watchdog_not_confirmed,  // the drive's own command watchdog is not known to be on
     timed_out,
+};
+
+// Why a drive is, or was last, in the state fault or silent.
+enum class DriveFault : std::uint8_t {
+    none,
+    silent,         // went silent while armed or arming
+    error,          // reports error bits
+    left_armed,     // ended the armed state by itself, with no error to show
+    disarm_failed,  // stays armed although it was told to go idle
+};
+
+// Monotonic counters.
+struct DriveCounters {
+    std::uint32_t wrong_length = 0;        // received frames too short or too long
+    std::uint32_t not_finite = 0;          // received frames with a NaN or infinite number
+    std::uint32_t command_not_finite = 0;  // torques asked for that were no numbers
+    std::uint32_t foreign_commands = 0;    // somebody else on the bus commands this drive
+};
+
+// A frame that the drive and this driver exchange in every period, as the bus-load computation needs it.
+struct DriveFrame {
+    std::string_view name;  // as in the drive's protocol
+    std::uint32_t id = 0;
+    std::uint8_t length = 0;
+    bool extended = false;
+    bool to_drive = false;
+    double period_s = 0;
 };
 
 // The latest feedback. Times are the frames' receive timestamps; 0 means never.
@@ -65,13 +96,72 @@ class MotorDrive {
     // Clears latched drive errors; the drive ends in idle.
     virtual void request_clear_errors() = 0;
 
-    // Commands wheel torque; pushes one frame. Ignored (nothing pushed) unless armed or arming.
-    // Not finite torque is sent as zero and counted.
+    // Commands wheel torque; pushes one frame. Ignored (nothing pushed) unless armed: while arming, update()
+    // itself sends zero torque. A torque that is no finite number is sent as zero and counted.
     virtual void command_torque(double torque_Nm, FrameSink& out) = 0;
 
+    // Wheel torque delivered per wheel torque the drive believes in, as calibrated; > 0.
+    virtual void set_torque_scale(double scale) = 0;
+
     virtual DriveState state() const = 0;
+    virtual DriveFault fault() const = 0;
     virtual ArmRefusal refusal() const = 0;  // why the last arming did not succeed
     virtual const DriveFeedback& feedback() const = 0;
+    virtual const DriveCounters& counters() const = 0;
+
+    // The periodic frames of this drive. Constant after construction.
+    virtual std::span<const DriveFrame> frames() const = 0;
+
+    // The name of one of feedback().error_bits; "unknown" for a bit without one.
+    virtual std::string_view error_name(std::uint32_t bit) const = 0;
 };
+
+constexpr std::string_view to_string_view(DriveState state) {
+    switch (state) {
+        case DriveState::silent:
+            return "silent";
+        case DriveState::idle:
+            return "idle";
+        case DriveState::arming:
+            return "arming";
+        case DriveState::armed:
+            return "armed";
+        case DriveState::fault:
+            return "fault";
+    }
+    return "unknown";
+}
+
+constexpr std::string_view to_string_view(ArmRefusal refusal) {
+    switch (refusal) {
+        case ArmRefusal::none:
+            return "none";
+        case ArmRefusal::silent:
+            return "silent";
+        case ArmRefusal::drive_error:
+            return "drive_error";
+        case ArmRefusal::watchdog_not_confirmed:
+            return "watchdog_not_confirmed";
+        case ArmRefusal::timed_out:
+            return "timed_out";
+    }
+    return "unknown";
+}
+
+constexpr std::string_view to_string_view(DriveFault fault) {
+    switch (fault) {
+        case DriveFault::none:
+            return "none";
+        case DriveFault::silent:
+            return "silent";
+        case DriveFault::error:
+            return "error";
+        case DriveFault::left_armed:
+            return "left_armed";
+        case DriveFault::disarm_failed:
+            return "disarm_failed";
+    }
+    return "unknown";
+}
 
 }  // namespace wheelwright::drivers

@@ -1,0 +1,520 @@
+#include "drivers/odrive/odrive_drive.hpp"
+
+#include <cmath>
+
+#include "drivers/odrive/odrive_0_5_messages.hpp"
+#include "drivers/odrive/odrive_0_6_messages.hpp"
+
+namespace wheelwright::drivers {
+namespace {
+
+// Messages that both generations share are taken from 0.6.
+namespace gen5 = odrive_0_5;
+namespace gen6 = odrive_0_6;
+
+constexpr double kTwoPi = 6.283185307179586476925286766559;
+constexpr auto kIdle = static_cast<std::uint32_t>(gen6::AxisState::idle);
+constexpr auto kClosedLoop = static_cast<std::uint32_t>(gen6::AxisState::closed_loop_control);
+
+// A heartbeat received this soon after a command may have been written before the command was obeyed.
+constexpr std::int64_t kSettle_ns = 5'000'000;
+constexpr std::int64_t kAskAgain_ns = 20'000'000;
+constexpr std::int64_t kIdleAgain_ns = 50'000'000;
+
+struct ErrorName {
+    std::uint32_t bit;
+    std::string_view name;
+};
+
+constexpr std::array kErrors5{
+    ErrorName{gen5::AxisError::invalid_state, "invalid_state"},
+    ErrorName{gen5::AxisError::motor_failed, "motor_failed"},
+    ErrorName{gen5::AxisError::sensorless_estimator_failed, "sensorless_estimator_failed"},
+    ErrorName{gen5::AxisError::encoder_failed, "encoder_failed"},
+    ErrorName{gen5::AxisError::controller_failed, "controller_failed"},
+    ErrorName{gen5::AxisError::watchdog_timer_expired, "watchdog_timer_expired"},
+    ErrorName{gen5::AxisError::min_endstop_pressed, "min_endstop_pressed"},
+    ErrorName{gen5::AxisError::max_endstop_pressed, "max_endstop_pressed"},
+    ErrorName{gen5::AxisError::estop_requested, "estop_requested"},
+    ErrorName{gen5::AxisError::homing_without_endstop, "homing_without_endstop"},
+    ErrorName{gen5::AxisError::over_temp, "over_temp"},
+    ErrorName{gen5::AxisError::unknown_position, "unknown_position"},
+};
+
+constexpr std::array kErrors6{
+    ErrorName{gen6::AxisError::initializing, "initializing"},
+    ErrorName{gen6::AxisError::system_level, "system_level"},
+    ErrorName{gen6::AxisError::timing_error, "timing_error"},
+    ErrorName{gen6::AxisError::missing_estimate, "missing_estimate"},
+    ErrorName{gen6::AxisError::bad_config, "bad_config"},
+    ErrorName{gen6::AxisError::drv_fault, "drv_fault"},
+    ErrorName{gen6::AxisError::missing_input, "missing_input"},
+    ErrorName{gen6::AxisError::dc_bus_over_voltage, "dc_bus_over_voltage"},
+    ErrorName{gen6::AxisError::dc_bus_under_voltage, "dc_bus_under_voltage"},
+    ErrorName{gen6::AxisError::dc_bus_over_current, "dc_bus_over_current"},
+    ErrorName{gen6::AxisError::dc_bus_over_regen_current, "dc_bus_over_regen_current"},
+    ErrorName{gen6::AxisError::current_limit_violation, "current_limit_violation"},
+    ErrorName{gen6::AxisError::motor_over_temp, "motor_over_temp"},
+    ErrorName{gen6::AxisError::inverter_over_temp, "inverter_over_temp"},
+    ErrorName{gen6::AxisError::velocity_limit_violation, "velocity_limit_violation"},
+    ErrorName{gen6::AxisError::position_limit_violation, "position_limit_violation"},
+    ErrorName{gen6::AxisError::watchdog_timer_expired, "watchdog_timer_expired"},
+    ErrorName{gen6::AxisError::estop_requested, "estop_requested"},
+    ErrorName{gen6::AxisError::spinout_detected, "spinout_detected"},
+    ErrorName{gen6::AxisError::brake_resistor_disarmed, "brake_resistor_disarmed"},
+    ErrorName{gen6::AxisError::thermistor_disconnected, "thermistor_disconnected"},
+    ErrorName{gen6::AxisError::calibration_error, "calibration_error"},
+};
+
+template <std::size_t n>
+constexpr std::string_view name_of(const std::array<ErrorName, n>& names, std::uint32_t bit) {
+    for (const ErrorName& each : names) {
+        if (each.bit == bit) return each.name;
+    }
+    return "unknown";
+}
+
+constexpr std::int64_t to_ns(double seconds) { return static_cast<std::int64_t>(seconds * 1e9 + 0.5); }
+
+}  // namespace
+
+std::string_view odrive_error_name(OdriveGeneration generation, std::uint32_t bit) {
+    return generation == OdriveGeneration::v0_5 ? name_of(kErrors5, bit) : name_of(kErrors6, bit);
+}
+
+OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel) {
+    const auto& drive = parameters.drive;
+    const model::DriveParameters& mine = wheel == Wheel::left ? drive.left : drive.right;
+    OdriveConfig c;
+    c.generation = drive.generation == 5 ? OdriveGeneration::v0_5 : OdriveGeneration::v0_6;
+    c.node = static_cast<std::uint32_t>(mine.node);
+    c.sign = mine.sign < 0 ? -1 : 1;
+    c.gear_ratio = mine.gear_ratio;
+    c.torque_constant_Nm_per_A = mine.torque_constant_Nm_per_A;
+    c.torque_scale = mine.torque_scale;
+    c.heartbeat_period_s = drive.heartbeat_period_ms * 1e-3;
+    c.encoder_period_s = drive.encoder_period_ms * 1e-3;
+    c.torque_period_s = drive.torque_period_ms * 1e-3;
+    c.heartbeat_timeout_s = drive.heartbeat_timeout_s;
+    c.arming_timeout_s = drive.arming_timeout_s;
+    c.watchdog_assured = drive.watchdog_assured;
+    c.watchdog_endpoint = static_cast<std::uint16_t>(drive.watchdog_endpoint);
+    return c;
+}
+
+// The arming sequence.
+const std::array<OdriveDrive::Step, 6> OdriveDrive::kArming{{
+    {&OdriveDrive::is_not_idle, &OdriveDrive::send_idle, Wait::idle, false},
+    {nullptr, &OdriveDrive::send_clear_errors, Wait::next_cycle, false},
+    {nullptr, &OdriveDrive::send_torque_mode, Wait::next_cycle, false},
+    {nullptr, &OdriveDrive::send_zero_torque, Wait::next_cycle, true},
+    {&OdriveDrive::can_ask_watchdog, &OdriveDrive::send_watchdog_question, Wait::watchdog_reply, true},
+    {nullptr, &OdriveDrive::send_closed_loop, Wait::closed_loop, true},
+}};
+
+OdriveDrive::OdriveDrive(const OdriveConfig& config)
+    : config_(config),
+      wheel_rad_per_rev_(config.sign * kTwoPi / config.gear_ratio),
+      heartbeat_timeout_ns_(to_ns(config.heartbeat_timeout_s)),
+      arming_timeout_ns_(to_ns(config.arming_timeout_s)) {
+    set_scales();
+    add_frame(gen6::Heartbeat::name, gen6::Heartbeat::command, false, config.heartbeat_period_s);
+    add_frame(gen6::GetEncoderEstimates::name, gen6::GetEncoderEstimates::command, false,
+              config.encoder_period_s);
+    if (config.torque_period_s > 0) {
+        if (config.generation == OdriveGeneration::v0_5) {
+            add_frame(gen5::GetIq::name, gen5::GetIq::command, false, config.torque_period_s);
+        } else {
+            add_frame(gen6::GetTorques::name, gen6::GetTorques::command, false, config.torque_period_s);
+        }
+    }
+    add_frame(gen6::SetInputTorque::name, gen6::SetInputTorque::command, true, config.cycle_period_s);
+}
+
+void OdriveDrive::add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s) {
+    frames_[frame_count_++] = {name, config_.node << 5U | command, 8, false, to_drive, period_s};
+}
+
+void OdriveDrive::set_scales() {
+    wheel_per_motor_torque_ = config_.sign * config_.gear_ratio * config_.torque_scale;
+    motor_per_wheel_torque_ = 1 / wheel_per_motor_torque_;
+}
+
+void OdriveDrive::set_torque_scale(double scale) {
+    config_.torque_scale = scale;
+    set_scales();
+}
+
+// --- received frames
+// -------------------------------------------------------------------------------------------
+
+template <typename Message>
+bool OdriveDrive::decode(const hal::CanFrame& frame, Message& message) {
+    switch (Message::decode({frame.data.data(), frame.length}, message)) {
+        case protocol::CodecStatus::ok:
+            return true;
+        case protocol::CodecStatus::not_finite:
+            ++counters_.not_finite;
+            return false;
+        default:
+            ++counters_.wrong_length;
+            return false;
+    }
+}
+
+bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
+    const hal::CanFrame& frame = received.frame;
+    if (frame.extended || frame.error || frame.fd || frame.id >> 5U != config_.node) return false;
+    if (frame.remote) {  // only hosts send these
+        ++counters_.foreign_commands;
+        return true;
+    }
+    switch (frame.id & 0x1FU) {
+        case gen6::Heartbeat::command:
+            take_heartbeat(frame, received.timestamp_ns);
+            break;
+        case gen6::GetEncoderEstimates::command: {
+            gen6::GetEncoderEstimates estimates;
+            if (!decode(frame, estimates)) break;
+            feedback_.position_rad = double{estimates.pos_estimate_rev} * wheel_rad_per_rev_;
+            feedback_.speed_rad_per_s = double{estimates.vel_estimate_rev_per_s} * wheel_rad_per_rev_;
+            feedback_.encoder_time_ns = received.timestamp_ns;
+            break;
+        }
+        case gen6::GetIq::command: {
+            gen6::GetIq iq;
+            if (!decode(frame, iq)) break;
+            feedback_.torque_Nm =
+                double{iq.iq_measured_A} * config_.torque_constant_Nm_per_A * wheel_per_motor_torque_;
+            feedback_.torque_time_ns = received.timestamp_ns;
+            break;
+        }
+        case gen6::GetTorques::command: {
+            if (config_.generation != OdriveGeneration::v0_6) break;
+            gen6::GetTorques torques;
+            if (!decode(frame, torques)) break;
+            feedback_.torque_Nm = double{torques.torque_estimate_Nm} * wheel_per_motor_torque_;
+            feedback_.torque_time_ns = received.timestamp_ns;
+            break;
+        }
+        case gen6::GetBusVoltageCurrent::command: {
+            gen6::GetBusVoltageCurrent supply;
+            if (decode(frame, supply)) feedback_.bus_voltage_V = double{supply.bus_voltage_V};
+            break;
+        }
+        case gen6::GetTemperature::command: {
+            if (config_.generation != OdriveGeneration::v0_6) break;
+            gen6::GetTemperature temperature;
+            if (decode(frame, temperature))
+                feedback_.temperature_degC = double{temperature.fet_temperature_degC};
+            break;
+        }
+        case gen6::TxSdo::command: {
+            if (config_.generation != OdriveGeneration::v0_6) break;
+            gen6::TxSdo answer;
+            if (!decode(frame, answer)) break;
+            if (answer.endpoint_id != config_.watchdog_endpoint || asked_ns_ == 0) break;
+            watchdog_answered_ = true;
+            watchdog_on_ = (answer.value & 0xFFU) != 0;
+            break;
+        }
+        case gen6::SetAxisState::command:
+        case gen6::SetControllerMode::command:
+        case gen6::SetInputVel::command:
+        case gen6::SetInputTorque::command:
+        case gen6::SetLimits::command:
+        case gen6::ClearErrors::command:
+            ++counters_.foreign_commands;
+            break;
+        default:
+            break;
+    }
+    return true;
+}
+
+void OdriveDrive::take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns) {
+    if (config_.generation == OdriveGeneration::v0_5) {
+        gen5::Heartbeat heartbeat;
+        if (!decode(frame, heartbeat)) return;
+        feedback_.error_bits = heartbeat.axis_error;
+        axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
+        other_error_ =
+            heartbeat.motor_error_flag || heartbeat.encoder_error_flag || heartbeat.controller_error_flag;
+    } else {
+        gen6::Heartbeat heartbeat;
+        if (!decode(frame, heartbeat)) return;
+        feedback_.error_bits = heartbeat.axis_error;
+        axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
+    }
+    feedback_.heartbeat_time_ns = time_ns;
+    silent_ = false;
+    judge_heartbeat(time_ns);
+}
+
+void OdriveDrive::judge_heartbeat(std::int64_t time_ns) {
+    const bool has_error = feedback_.error_bits != 0 || other_error_;
+    if (phase_ == Phase::armed) {
+        if (has_error) {
+            fail(DriveFault::error);
+        } else if (axis_state_ != kClosedLoop) {
+            fail(DriveFault::left_armed);
+        }
+        return;
+    }
+    if (phase_ == Phase::arming) {
+        if (kArming[step_].wait != Wait::closed_loop || !step_sent_ || time_ns <= step_since_ns_) return;
+        if (has_error) {
+            if (time_ns > step_since_ns_ + kSettle_ns) end_arming(ArmRefusal::drive_error);
+        } else if (axis_state_ == kClosedLoop) {
+            phase_ = Phase::armed;
+        }
+        return;
+    }
+    if (to_idle_ && idle_sent_ && time_ns > idle_sent_ns_ && axis_state_ != kClosedLoop) to_idle_ = false;
+    if (clearing_ && time_ns > cleared_ns_ + kSettle_ns) {
+        clearing_ = false;
+        if (!has_idle_error()) fault_ = DriveFault::none;
+    }
+}
+
+// --- the cycle
+// -------------------------------------------------------------------------------------------------
+
+void OdriveDrive::update(std::int64_t now_ns, FrameSink& out) {
+    now_ns_ = now_ns;
+    silent_ = is_silent(now_ns);
+    if (silent_) {
+        if (phase_ == Phase::armed) fail(DriveFault::silent);
+        if (phase_ == Phase::arming) {
+            end_arming(ArmRefusal::silent);
+            fault_ = DriveFault::silent;
+        }
+    }
+    take_requests(out);
+    if (phase_ == Phase::arming) run_arming(out);
+    if (phase_ == Phase::resting && to_idle_) run_to_idle(out);
+}
+
+bool OdriveDrive::is_silent(std::int64_t now_ns) const {
+    return feedback_.heartbeat_time_ns == 0 || now_ns - feedback_.heartbeat_time_ns > heartbeat_timeout_ns_;
+}
+
+void OdriveDrive::take_requests(FrameSink& out) {
+    const bool arm = arm_requested_;
+    const bool disarm = disarm_requested_;
+    const bool clear = clear_requested_;
+    arm_requested_ = disarm_requested_ = clear_requested_ = false;
+    if (disarm || clear) {
+        if (phase_ != Phase::resting || axis_state_ == kClosedLoop) {
+            phase_ = Phase::resting;
+            to_idle_ = true;
+            idle_sent_ = false;
+            to_idle_since_ns_ = now_ns_;
+        } else if (disarm && !to_idle_) {
+            send_idle(out);
+        }
+        if (clear) {
+            send_clear_errors(out);
+            clearing_ = true;
+            cleared_ns_ = now_ns_;
+        }
+        return;  // stopping wins over arming
+    }
+    if (arm && phase_ == Phase::resting) begin_arming();
+}
+
+void OdriveDrive::begin_arming() {
+    refusal_ = ArmRefusal::none;
+    if (silent_) {
+        refusal_ = ArmRefusal::silent;
+        return;
+    }
+    if (!config_.watchdog_assured && !can_ask_watchdog()) {
+        refusal_ = ArmRefusal::watchdog_not_confirmed;
+        return;
+    }
+    phase_ = Phase::arming;
+    fault_ = DriveFault::none;
+    to_idle_ = false;
+    clearing_ = false;
+    step_ = 0;
+    step_sent_ = false;
+    feeding_ = false;
+    asked_ns_ = 0;
+    watchdog_answered_ = false;
+    arming_since_ns_ = now_ns_;
+}
+
+// At most one step in a cycle.
+void OdriveDrive::run_arming(FrameSink& out) {
+    if (now_ns_ - arming_since_ns_ > arming_timeout_ns_) {
+        end_arming(kArming[step_].wait == Wait::watchdog_reply ? ArmRefusal::watchdog_not_confirmed
+                                                               : ArmRefusal::timed_out);
+        return;
+    }
+    if (step_sent_ && kArming[step_].wait == Wait::watchdog_reply && watchdog_answered_ && !watchdog_on_) {
+        end_arming(ArmRefusal::watchdog_not_confirmed);
+        return;
+    }
+    if (step_sent_ && step_is_done()) {
+        ++step_;
+        step_sent_ = false;
+    }
+    if (!step_sent_) {
+        while (kArming[step_].applies != nullptr && !(this->*kArming[step_].applies)()) ++step_;
+        (this->*kArming[step_].send)(out);
+        step_sent_ = true;
+        step_since_ns_ = now_ns_;
+        const bool sent_torque = kArming[step_].send == &OdriveDrive::send_zero_torque;
+        if (feeding_ && !sent_torque) send_zero_torque(out);
+        feeding_ = kArming[step_].feed;
+        return;
+    }
+    if (kArming[step_].wait == Wait::watchdog_reply && now_ns_ - asked_ns_ > kAskAgain_ns) {
+        send_watchdog_question(out);
+    }
+    if (feeding_) send_zero_torque(out);
+}
+
+bool OdriveDrive::step_is_done() const {
+    switch (kArming[step_].wait) {
+        case Wait::next_cycle:
+            return true;
+        case Wait::idle:
+            return feedback_.heartbeat_time_ns > step_since_ns_ && axis_state_ == kIdle;
+        case Wait::watchdog_reply:
+            return watchdog_answered_ && watchdog_on_;
+        case Wait::closed_loop:
+            return false;  // the heartbeat itself ends the arming
+    }
+    return false;
+}
+
+void OdriveDrive::end_arming(ArmRefusal why) {
+    refusal_ = why;
+    phase_ = Phase::resting;
+    // The request for closed loop may be obeyed yet.
+    to_idle_ = kArming[step_].wait == Wait::closed_loop || axis_state_ == kClosedLoop;
+    idle_sent_ = false;
+    to_idle_since_ns_ = now_ns_;
+}
+
+void OdriveDrive::fail(DriveFault why) {
+    fault_ = why;
+    phase_ = Phase::resting;
+    to_idle_ = true;
+    idle_sent_ = false;
+    to_idle_since_ns_ = now_ns_;
+}
+
+void OdriveDrive::run_to_idle(FrameSink& out) {
+    if (!idle_sent_) {
+        send_zero_torque(out);  // in case the next frame is lost
+        send_idle(out);
+        return;
+    }
+    if (silent_) return;  // its watchdog must do it; polling would only feed that
+    if (now_ns_ - to_idle_since_ns_ > arming_timeout_ns_) {
+        if (fault_ == DriveFault::none) fault_ = DriveFault::disarm_failed;
+    }
+    if (now_ns_ - idle_sent_ns_ > kIdleAgain_ns && feedback_.heartbeat_time_ns > idle_sent_ns_)
+        send_idle(out);
+}
+
+void OdriveDrive::command_torque(double torque_Nm, FrameSink& out) {
+    if (phase_ != Phase::armed) return;
+    double motor_Nm = torque_Nm * motor_per_wheel_torque_;
+    if (!std::isfinite(static_cast<float>(motor_Nm))) {
+        ++counters_.command_not_finite;
+        motor_Nm = 0;
+    }
+    send_motor_torque(motor_Nm, out);
+}
+
+// --- state
+// -----------------------------------------------------------------------------------------------------
+
+DriveState OdriveDrive::state() const {
+    if (silent_) return DriveState::silent;
+    if (phase_ == Phase::armed) return DriveState::armed;
+    if (phase_ == Phase::arming) return DriveState::arming;
+    if (fault_ != DriveFault::none || has_idle_error()) return DriveState::fault;
+    if (to_idle_) return DriveState::arming;
+    return DriveState::idle;
+}
+
+DriveFault OdriveDrive::fault() const {
+    if (fault_ != DriveFault::none) return fault_;
+    return phase_ == Phase::resting && has_idle_error() ? DriveFault::error : DriveFault::none;
+}
+
+bool OdriveDrive::has_idle_error() const {
+    const std::uint32_t watchdog = config_.generation == OdriveGeneration::v0_5
+                                       ? gen5::AxisError::watchdog_timer_expired
+                                       : gen6::AxisError::watchdog_timer_expired;
+    return other_error_ || (feedback_.error_bits & ~watchdog) != 0;
+}
+
+bool OdriveDrive::is_not_idle() const { return axis_state_ != kIdle; }
+
+bool OdriveDrive::can_ask_watchdog() const {
+    return config_.generation == OdriveGeneration::v0_6 && config_.watchdog_endpoint != 0;
+}
+
+// --- frames to the drive
+// ---------------------------------------------------------------------------------------
+
+template <typename Message>
+void OdriveDrive::send(const Message& message, FrameSink& out) const {
+    hal::CanFrame frame;
+    frame.id = config_.node << 5U | Message::command;
+    frame.length = Message::length;
+    if (message.encode(frame.data) == protocol::CodecStatus::ok) out.push(frame);
+}
+
+void OdriveDrive::send_idle(FrameSink& out) {
+    gen6::SetAxisState request;
+    request.axis_requested_state = gen6::AxisState::idle;
+    send(request, out);
+    idle_sent_ = true;
+    idle_sent_ns_ = now_ns_;
+}
+
+void OdriveDrive::send_clear_errors(FrameSink& out) {
+    if (config_.generation == OdriveGeneration::v0_5) {
+        send(gen5::ClearErrors{}, out);
+    } else {
+        send(gen6::ClearErrors{}, out);
+    }
+}
+
+void OdriveDrive::send_torque_mode(FrameSink& out) {
+    gen6::SetControllerMode mode;
+    mode.control_mode = gen6::ControlMode::torque;
+    mode.input_mode = gen6::InputMode::passthrough;
+    send(mode, out);
+}
+
+void OdriveDrive::send_zero_torque(FrameSink& out) { send_motor_torque(0, out); }
+
+void OdriveDrive::send_motor_torque(double motor_torque_Nm, FrameSink& out) {
+    gen6::SetInputTorque torque;
+    torque.input_torque_Nm = static_cast<float>(motor_torque_Nm);
+    send(torque, out);
+}
+
+void OdriveDrive::send_watchdog_question(FrameSink& out) {
+    gen6::RxSdo question;
+    question.opcode = gen6::SdoOpcode::read;
+    question.endpoint_id = config_.watchdog_endpoint;
+    send(question, out);
+    asked_ns_ = now_ns_;
+}
+
+void OdriveDrive::send_closed_loop(FrameSink& out) {
+    gen6::SetAxisState request;
+    request.axis_requested_state = gen6::AxisState::closed_loop_control;
+    send(request, out);
+}
+
+}  // namespace wheelwright::drivers

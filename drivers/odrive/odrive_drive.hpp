@@ -1,0 +1,162 @@
+// Motor drive: ODrive over CANSimple, firmware generations 0.5 and 0.6. One object is one axis.
+//
+// Arming, one step in each cycle, then zero torque in every cycle until armed (which feeds the watchdog):
+//   idle if the axis is not, Clear_Errors, Set_Controller_Mode(torque, passthrough), Set_Input_Torque(0),
+//   0.6 with a known endpoint: read enable_watchdog and go on only when the drive says it is on,
+//   Set_Axis_State(closed loop), and a heartbeat younger than that request that shows closed loop, no error.
+// Arming is refused at once when the watchdog can neither be read (0.6, endpoint known) nor is vouched for
+// (watchdog_assured). Where the drive can be read, its answer decides.
+//
+// Faults while armed, each latched until the next arming or clearing: an error in the heartbeat, an axis
+// state that leaves closed loop even without an error (ODrive#700), no heartbeat. The axis is then told to go
+// idle, until it says it is. An idle axis whose only error is the expired watchdog counts as idle: so looks a
+// 0.5 drive whose watchdog is on and that nobody feeds, before arming clears it.
+//
+// Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
+// Clear_Errors clears both axes of a 0.5 board.
+//
+// Positions are floats in revolutions: after a thousand motor turns they step by 6e-5 turns.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "drivers/motor_drive.hpp"
+#include "firmware/model/robot_parameters.hpp"
+
+namespace wheelwright::drivers {
+
+enum class OdriveGeneration : std::uint8_t { v0_5, v0_6 };
+
+struct OdriveConfig {
+    OdriveGeneration generation = OdriveGeneration::v0_6;
+    std::uint32_t node = 0;  // 0..62
+    double sign = 1;         // +1 or -1
+    double gear_ratio = 1;   // motor turns per wheel turn, > 0
+    double torque_constant_Nm_per_A = 1;
+    double torque_scale = 1;
+    double cycle_period_s = 0.001;  // of command_torque
+    double heartbeat_period_s = 0.1;
+    double encoder_period_s = 0.001;
+    double torque_period_s = 0.01;  // 0: off
+    double heartbeat_timeout_s = 0.35;
+    double arming_timeout_s = 2;
+    bool watchdog_assured = false;
+    std::uint16_t watchdog_endpoint = 0;  // 0: unknown
+};
+
+// What the robot file says about one wheel's drive.
+OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel);
+
+// The name of one axis error bit; "unknown" for a bit without one.
+std::string_view odrive_error_name(OdriveGeneration generation, std::uint32_t bit);
+
+class OdriveDrive final : public MotorDrive {
+  public:
+    explicit OdriveDrive(const OdriveConfig& config);
+
+    bool accept(const hal::ReceivedFrame& received) override;
+    void update(std::int64_t now_ns, FrameSink& out) override;
+    void request_arm() override { arm_requested_ = true; }
+    void request_disarm() override { disarm_requested_ = true; }
+    void request_clear_errors() override { clear_requested_ = true; }
+    void command_torque(double torque_Nm, FrameSink& out) override;
+    void set_torque_scale(double scale) override;
+
+    DriveState state() const override;
+    DriveFault fault() const override;
+    ArmRefusal refusal() const override { return refusal_; }
+    const DriveFeedback& feedback() const override { return feedback_; }
+    const DriveCounters& counters() const override { return counters_; }
+    std::span<const DriveFrame> frames() const override { return {frames_.data(), frame_count_}; }
+    std::string_view error_name(std::uint32_t bit) const override {
+        return odrive_error_name(config_.generation, bit);
+    }
+
+    // The axis state of the last heartbeat, in the drive's numbers.
+    std::uint32_t axis_state() const { return axis_state_; }
+
+  private:
+    enum class Phase : std::uint8_t { resting, arming, armed };
+    // What a step of the arming waits for before the next one may begin.
+    enum class Wait : std::uint8_t { next_cycle, idle, watchdog_reply, closed_loop };
+    struct Step {
+        bool (OdriveDrive::*applies)() const;  // null: always
+        void (OdriveDrive::*send)(FrameSink&);
+        Wait wait;
+        bool feed;  // from here on zero torque goes out in every cycle
+    };
+    static const std::array<Step, 6> kArming;
+
+    template <typename Message>
+    bool decode(const hal::CanFrame& frame, Message& message);
+    template <typename Message>
+    void send(const Message& message, FrameSink& out) const;
+
+    bool is_not_idle() const;
+    bool can_ask_watchdog() const;
+    void send_idle(FrameSink& out);
+    void send_clear_errors(FrameSink& out);
+    void send_torque_mode(FrameSink& out);
+    void send_zero_torque(FrameSink& out);
+    void send_watchdog_question(FrameSink& out);
+    void send_closed_loop(FrameSink& out);
+    void send_motor_torque(double motor_torque_Nm, FrameSink& out);
+
+    void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
+    void judge_heartbeat(std::int64_t time_ns);
+    void take_requests(FrameSink& out);
+    void begin_arming();
+    void run_arming(FrameSink& out);
+    bool step_is_done() const;
+    void end_arming(ArmRefusal why);
+    void run_to_idle(FrameSink& out);
+    void fail(DriveFault why);
+    bool is_silent(std::int64_t now_ns) const;
+    bool has_idle_error() const;
+    void add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s);
+    void set_scales();
+
+    OdriveConfig config_;
+    double motor_per_wheel_torque_ = 1;  // signed
+    double wheel_per_motor_torque_ = 1;
+    double wheel_rad_per_rev_ = 1;
+    std::int64_t heartbeat_timeout_ns_;
+    std::int64_t arming_timeout_ns_;
+
+    DriveFeedback feedback_;
+    DriveCounters counters_;
+    std::array<DriveFrame, 4> frames_{};
+    std::size_t frame_count_ = 0;
+
+    std::int64_t now_ns_ = 0;
+    Phase phase_ = Phase::resting;
+    ArmRefusal refusal_ = ArmRefusal::none;
+    DriveFault fault_ = DriveFault::none;
+    std::uint32_t axis_state_ = 0;
+    bool other_error_ = false;  // 0.5: motor, encoder or controller holds an error
+    bool silent_ = true;
+
+    bool arm_requested_ = false;
+    bool disarm_requested_ = false;
+    bool clear_requested_ = false;
+
+    std::size_t step_ = 0;
+    bool step_sent_ = false;
+    bool feeding_ = false;
+    std::int64_t arming_since_ns_ = 0;
+    std::int64_t step_since_ns_ = 0;
+    std::int64_t asked_ns_ = 0;
+    bool watchdog_answered_ = false;
+    bool watchdog_on_ = false;
+
+    bool to_idle_ = false;  // the axis has been told to go idle and has not said that it did
+    bool idle_sent_ = false;
+    std::int64_t to_idle_since_ns_ = 0;
+    std::int64_t idle_sent_ns_ = 0;
+    bool clearing_ = false;
+    std::int64_t cleared_ns_ = 0;
+};
+
+}  // namespace wheelwright::drivers
