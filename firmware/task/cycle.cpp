@@ -1,0 +1,455 @@
+#include "firmware/task/cycle.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace wheelwright::task {
+namespace {
+
+using drivers::DriveState;
+using protocol::Mode;
+
+static_assert(unsigned(protocol::DriveState::silent) == unsigned(DriveState::silent) &&
+              unsigned(protocol::DriveState::idle) == unsigned(DriveState::idle) &&
+              unsigned(protocol::DriveState::arming) == unsigned(DriveState::arming) &&
+              unsigned(protocol::DriveState::armed) == unsigned(DriveState::armed) &&
+              unsigned(protocol::DriveState::fault) == unsigned(DriveState::fault));
+
+// A torque frame that the bus would not take for this many cycles in a row: the bus counts as down.
+constexpr int kRefusedTorquesUntilDown = 5;
+// After a request to end: how long the drives may take to confirm that they are idle.
+constexpr int kEndingCycles = 500;
+
+supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) {
+    const auto ramps = [](model::StopReaction reaction) { return reaction == model::StopReaction::ramp; };
+    supervisor::SupervisorConfig config;
+    config.stops = {ramps(p.safety.stale_command_reaction), ramps(p.safety.over_speed_reaction),
+                    ramps(p.safety.emergency_stop_reaction), ramps(p.safety.overrun_reaction),
+                    ramps(p.safety.terminate_reaction)};
+    // The drives report their own time-out first; this is the limit if they report nothing.
+    config.arming_limit_cycles = static_cast<std::int32_t>(1.5 * p.drive.arming_timeout_s / kCyclePeriod_s);
+    config.ramp_limit_cycles = static_cast<std::int32_t>(p.safety.ramp_timeout_s / kCyclePeriod_s);
+    return config;
+}
+
+double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
+
+}  // namespace
+
+Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const CyclePorts& ports)
+    : parameters_(parameters),
+      ports_(ports),
+      service_(parameters, mailbox),
+      mailbox_(mailbox),
+      supervisor_(supervisor_config(parameters)),
+      overrun_(parameters.overrun_fault.in_a_row, parameters.overrun_fault.per_second),
+      drive_meter_(parameters.bus.bit_rate_bit_per_s),
+      host_meter_(parameters.bus.host_bit_rate_bit_per_s),
+      send_phase_ns_(static_cast<std::int64_t>(parameters.realtime.send_phase_s * 1e9)) {
+    configure();
+    control_.finish_design();
+}
+
+// Hands the live parameters to everybody who works with them.
+void Cycle::configure() {
+    control_.configure(parameters_);
+    observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
+    odometry_.configure(control::odometry_settings<double>(parameters_));
+}
+
+void Cycle::think(const CycleTime& time) {
+    elapsed_s_ = static_cast<double>(1 + time.missed) * kCyclePeriod_s;
+    time_ = time;
+    ++cycle_;
+    overran_ = overrun_.step(time.missed);
+    outbox_.clear();
+    host_.begin_cycle();
+
+    receive();
+    ports_.left.update(time.scheduled_ns, outbox_);
+    ports_.right.update(time.scheduled_ns, outbox_);
+    observe();
+    judge_conditions();
+    obey();
+    serve_parameters();
+    decide();
+    learn();
+    guard_torque();
+    fill_report();
+}
+
+void Cycle::receive() {
+    drain(ports_.drive_bus, ports_.host_bus == nullptr, true);
+    if (ports_.host_bus != nullptr) drain(*ports_.host_bus, true, false);
+}
+
+void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
+    BusMeter& meter = from_drives ? drive_meter_ : host_meter_;
+    hal::ReceivedFrame received;
+    for (int i = 0; i < kMostFramesPerCycle; ++i) {
+        const hal::CanStatus status = bus.receive(received);
+        if (status != hal::CanStatus::ok) {
+            if (from_drives) bus_lost_ = status == hal::CanStatus::bus_down;
+            return;
+        }
+        meter.count(received.frame);
+        if (received.frame.error) continue;
+        if (from_drives && (ports_.left.accept(received) || ports_.right.accept(received))) continue;
+        if (from_host) host_.accept(received);
+    }
+}
+
+void Cycle::observe() {
+    const auto sample = [](const drivers::DriveFeedback& f) {
+        return control::EncoderSample{f.position_rad, f.speed_rad_per_s, f.encoder_time_ns};
+    };
+    observer_.update(time_.scheduled_ns, sample(ports_.left.feedback()), sample(ports_.right.feedback()),
+                     control_.plant());
+    odometry_.advance(parameters_.geometry, observer_.turned_rad(), time_.scheduled_ns);
+    if (host_.events().external_pose) odometry_.fuse(host_.external_pose.value);
+
+    const auto age_ns = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
+    sample_.usable = observer_.angles_at(time_.scheduled_ns - age_ns, sample_.angle_rad) &&
+                     time_.missed == 0 && !slipping_;
+    sample_.last_torque_Nm = sent_torque_Nm_;
+    sample_.heading_rad = odometry_.pose().heading_rad;
+}
+
+bool Cycle::stale(std::int64_t time_ns, double limit_s) const {
+    return time_ns == 0 || 1e-9 * static_cast<double>(time_.scheduled_ns - time_ns) > limit_s;
+}
+
+// A set-point that has begun to come must go on coming.
+bool Cycle::setpoint_stale() const {
+    const auto late = [this](const auto& setpoint, std::uint16_t cycle_time_ms) {
+        return setpoint.received &&
+               stale(setpoint.time_ns, 1e-3 * cycle_time_ms * parameters_.safety.stale_command_cycles);
+    };
+    switch (supervisor_.mode()) {
+        case Mode::torque:
+            return late(host_.torque_Nm, protocol::TorqueCommand::cycle_time_ms);
+        case Mode::velocity:
+            return late(host_.velocity, protocol::VelocityCommand::cycle_time_ms);
+        case Mode::pose:
+            return late(host_.goal, protocol::PoseGoal::cycle_time_ms);
+        case Mode::trajectory:
+        case Mode::adaptive:
+            return control_.streamed() && late(host_.streamed, protocol::StreamedPose::cycle_time_ms);
+        default:
+            return false;
+    }
+}
+
+void Cycle::judge_conditions() {
+    const drivers::MotorDrive& left = ports_.left;
+    const drivers::MotorDrive& right = ports_.right;
+    const auto either = [&](DriveState state) { return left.state() == state || right.state() == state; };
+    const model::Motion<double>& motion = observer_.motion();
+    const auto& safety = parameters_.safety;
+    supervisor::Conditions& c = conditions_;
+
+    c.feedback_stale = stale(left.feedback().encoder_time_ns, safety.stale_feedback_s) ||
+                       stale(right.feedback().encoder_time_ns, safety.stale_feedback_s);
+    if (c.feedback_stale) ++stale_feedback_cycles_;
+    c.command_stale = setpoint_stale();
+    c.drive_error = either(DriveState::fault);
+    c.drive_silent = either(DriveState::silent);
+    c.drives_armed = left.state() == DriveState::armed && right.state() == DriveState::armed;
+    c.drive_disarmed_itself = was_armed_ && drives_wanted_ && !c.drives_armed;
+    was_armed_ = c.drives_armed;
+    c.arming_refused = drives_wanted_ && (left.refusal() != drivers::ArmRefusal::none ||
+                                          right.refusal() != drivers::ArmRefusal::none);
+    const auto unguarded = drivers::ArmRefusal::watchdog_not_confirmed;
+    c.watchdog_confirmed = left.refusal() != unguarded && right.refusal() != unguarded;
+    c.over_speed = std::abs(motion.twist.v_m_per_s) > safety.over_speed_m_per_s ||
+                   std::abs(motion.twist.omega_rad_per_s) > safety.over_yaw_rate_rad_per_s;
+    c.stop_line_active =
+        ports_.emergency_stop != nullptr && ports_.emergency_stop->read() != hal::LineLevel::inactive;
+    c.stop_message = host_.events().stop;
+    c.overrun = overran_;
+    c.bus_down = bus_lost_ || refused_torques_ >= kRefusedTorquesUntilDown;
+    c.terminate = terminate_.load(std::memory_order_relaxed);
+    const auto& radius = parameters_.geometry.wheel_radius_m;
+    c.moving =
+        std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
+                 std::abs(radius.right * motion.wheel_speed_rad_per_s.right)) > safety.clear_speed_m_per_s;
+    c.velocity_design_accepted = control_.design_accepted();
+    const auto& k = parameters_.dynamics;
+    const auto& e = parameters_.dynamics_standard_error;
+    const double trust = parameters_.adaptation.trust_relative_error;
+    c.model_trusted = e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 && e.k7_per_kg_m <= trust * k.k7_per_kg_m &&
+                      e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
+    c.mode_finished =
+        supervisor_.mode() == Mode::ident && identifying_ && learning_.identification_finished();
+}
+
+// Requests of the host, then the supervisor, then what its verdict asks of the drives.
+void Cycle::obey() {
+    supervisor_.start();
+    const HostEvents& events = host_.events();
+    if (events.ident) ident_settings_ = *events.ident;
+    if (events.trajectory) control_.select_trajectory(*events.trajectory);
+    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none) {
+        ports_.left.request_clear_errors();
+        ports_.right.request_clear_errors();
+    }
+    if (events.mode && !conditions_.terminate &&
+        supervisor_.request(*events.mode, conditions_) != supervisor::Blocker::none) {
+        host_.count(HostLink::Cause::rejected_mode_not_allowed);
+    }
+    const Mode before = supervisor_.mode();
+    supervisor_.step(conditions_);
+    if (identifying_ && (supervisor_.mode() != Mode::ident || supervisor_.ramping())) {
+        finish_identification();
+    }
+
+    const bool wanted = supervisor_.wants_armed();
+    if (wanted && !drives_wanted_) {
+        ports_.left.request_arm();
+        ports_.right.request_arm();
+    } else if (!wanted && drives_wanted_) {
+        ports_.left.request_disarm();
+        ports_.right.request_disarm();
+    }
+    drives_wanted_ = wanted;
+    if (ports_.drive_enable != nullptr) ports_.drive_enable->write(wanted);
+
+    const MotionInputs now = motion_inputs();
+    if (supervisor_.entered()) {
+        if (supervisor_.mode() != before) host_.forget_setpoints();
+        control_.enter(supervisor_.mode(), now);
+        if (supervisor_.mode() == Mode::ident) {
+            learning_.start_identification(parameters_, ident_settings_, odometry_.pose());
+            identifying_ = true;
+        } else if (supervisor_.mode() == Mode::adaptive) {
+            learning_.start_adaptation(parameters_, control_.plant());
+        }
+    }
+    if (supervisor_.ramping() && !was_ramping_) control_.begin_braking(now);
+    was_ramping_ = supervisor_.ramping();
+
+    if (conditions_.terminate && !wanted) {
+        const auto asleep = [](const drivers::MotorDrive& drive) {
+            return drive.state() != DriveState::armed && drive.state() != DriveState::arming;
+        };
+        ++ending_cycles_;
+        const bool quiet = asleep(ports_.left) && asleep(ports_.right) && ending_cycles_ > 3;
+        finished_ = quiet || ending_cycles_ > kEndingCycles;
+    }
+}
+
+void Cycle::finish_identification() {
+    identifying_ = false;
+    if (!learning_.identification_succeeded()) return;
+    learning_.record(service_, parameters_);
+    configure();
+}
+
+void Cycle::serve_parameters() {
+    const HostEvents& events = host_.events();
+    for (std::size_t i = 0; i < events.parameter_count; ++i) {
+        const protocol::ParameterRequest& request = events.parameters[i];
+        protocol::ParameterReply reply;
+        reply.operation = request.operation;
+        reply.index = request.index;
+        reply.value = request.value;
+        switch (request.operation) {
+            case protocol::ParameterOperation::read: {
+                double value = 0;
+                reply.result = service_.read(request.index, value);
+                reply.value = static_cast<float>(value);
+                break;
+            }
+            case protocol::ParameterOperation::write:
+                reply.result = service_.stage(request.index, static_cast<double>(request.value));
+                break;
+            case protocol::ParameterOperation::commit:
+                reply.result = service_.commit(supervisor_.mode() == Mode::idle);
+                break;
+            case protocol::ParameterOperation::discard:
+                reply.result = service_.discard();
+                break;
+            case protocol::ParameterOperation::save:
+                reply.result = service_.save();
+                break;
+        }
+        if (reply.result == protocol::ParameterResult::unknown_index) {
+            host_.count(HostLink::Cause::unknown_parameter);
+        }
+        telemetry_.reply(reply);
+    }
+    if (const auto outcome = mailbox_.outcome(); outcome != SaveMailbox::Outcome::none) {
+        protocol::ParameterReply reply;
+        reply.operation = protocol::ParameterOperation::save;
+        reply.result = outcome == SaveMailbox::Outcome::saved ? protocol::ParameterResult::ok
+                                                              : protocol::ParameterResult::save_failed;
+        telemetry_.reply(reply);
+    }
+    if (service_.changed()) configure();
+    control_.step_design();
+}
+
+MotionInputs Cycle::motion_inputs() const {
+    return {time_.scheduled_ns, elapsed_s_, observer_.motion(), odometry_.pose(), sent_torque_Nm_};
+}
+
+void Cycle::decide() {
+    output_ = {};
+    const MotionInputs now = motion_inputs();
+    if (supervisor_.may_drive()) {
+        if (supervisor_.mode() == Mode::ident) {
+            output_.torque_Nm = learning_.identify(sample_, now.pose, now.motion.twist);
+        } else {
+            output_ = control_.torque(supervisor_.mode(), now, host_);
+        }
+    } else if (supervisor_.ramping()) {
+        output_ = control_.brake(now);
+    } else {
+        control_.release();
+    }
+}
+
+void Cycle::learn() {
+    if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) return;
+    const bool saturated = output_.limits.has(control::Limiter::torque_sum) ||
+                           output_.limits.has(control::Limiter::torque_difference);
+    if (learning_.adapt(sample_, !saturated)) {
+        control_.change_model(learning_.adapted(control_.plant()), observer_.motion());
+    }
+}
+
+// Nothing that is not a number, and nothing over the limit, leaves this function.
+void Cycle::guard_torque() {
+    WheelPair<double>& torque = output_.torque_Nm;
+    conditions_.not_finite = !(std::isfinite(torque.left) && std::isfinite(torque.right));
+    if (conditions_.not_finite) torque = {};
+    const double limit = parameters_.limits.torque_Nm;
+    torque.left = std::clamp(torque.left, -limit, limit);
+    torque.right = std::clamp(torque.right, -limit, limit);
+}
+
+void Cycle::send(std::int64_t) {
+    torques_.clear();
+    ports_.left.command_torque(output_.torque_Nm.left, torques_);
+    ports_.right.command_torque(output_.torque_Nm.right, torques_);
+    sent_torque_Nm_ = output_.torque_Nm;
+    observer_.torque_sent(sent_torque_Nm_);
+    const std::uint32_t refused = send_refused_;
+    for (const hal::CanFrame& frame : torques_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
+    refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
+    for (const hal::CanFrame& frame : outbox_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
+
+    hal::CanFrame frame;
+    if (telemetry_.next(cycle_, report_, frame)) {
+        if (ports_.host_bus != nullptr) {
+            transmit(*ports_.host_bus, frame, host_meter_);
+        } else {
+            transmit(ports_.drive_bus, frame, drive_meter_);
+        }
+        if (frame.id == protocol::Timing::id) longest_wake_ns_ = longest_execution_ns_ = 0;
+    }
+    drive_meter_.step(elapsed_s_);
+    host_meter_.step(elapsed_s_);
+}
+
+void Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter) {
+    const hal::CanStatus status = bus.send(frame);
+    if (status == hal::CanStatus::ok) {
+        meter.count(frame);
+    } else {
+        ++send_refused_;
+    }
+}
+
+void Cycle::fill_report() {
+    CycleReport& r = report_;
+    protocol::Status& s = r.status;
+    const control::LimiterFlags& limits = output_.limits;
+    s.state = supervisor_.mode();
+    s.requested = supervisor_.requested();
+    s.fault = supervisor_.fault();
+    s.blocker = supervisor_.blocker();
+    const double torque_limit = parameters_.limits.torque_Nm * (1 - 1e-9);
+    s.limit_torque_left = std::abs(output_.torque_Nm.left) >= torque_limit;
+    s.limit_torque_right = std::abs(output_.torque_Nm.right) >= torque_limit;
+    s.limit_speed = limits.has(control::Limiter::speed);
+    s.limit_yaw_rate = limits.has(control::Limiter::yaw_rate);
+    s.limit_acceleration =
+        limits.has(control::Limiter::acceleration) || limits.has(control::Limiter::yaw_acceleration);
+    if (supervisor_.mode() == Mode::ident) {
+        const auto& overrides = learning_.run().excitation().overrides();
+        s.limit_speed = overrides.speed;
+        s.limit_yaw_rate = overrides.yaw_rate;
+        s.limit_area = overrides.distance;
+        s.limit_torque_left = s.limit_torque_right = false;  // its torque is meant to be at the limit
+    } else {
+        s.limit_area = false;
+    }
+    s.limit_adaptation_frozen = supervisor_.mode() == Mode::adaptive && learning_.adaptation_frozen();
+    s.drive_left = static_cast<protocol::DriveState>(ports_.left.state());
+    s.drive_right = static_cast<protocol::DriveState>(ports_.right.state());
+    s.progress_percent = 100 * learning_.progress();
+    s.model_trusted = conditions_.model_trusted;
+    s.excited = learning_.excited();
+    s.pose_fixed = odometry_.localised();
+    s.goal_reached = output_.goal_reached;
+
+    const model::Motion<double>& motion = observer_.motion();
+    r.wheel_speed_rad_per_s = motion.wheel_speed_rad_per_s;
+    r.torque_Nm = output_.torque_Nm;
+    r.pose = odometry_.pose();
+    r.twist = motion.twist;
+    r.reference = output_.reference;
+    r.tracking_error = output_.tracking_error;
+
+    const ident::DynamicsEstimate<double>& estimate = learning_.estimate();
+    r.estimate = estimate.dynamics;
+    r.standard_error = estimate.standard_error;
+    r.covariance = estimate.covariance_diagonal;
+    r.effect_count = 0;
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!estimate.effects.active[i]) continue;
+        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
+            r.effects[r.effect_count++] = {model::effect_index(i, j), estimate.effects.parameter[i][j],
+                                           estimate.effects_standard_error.parameter[i][j]};
+        }
+    }
+    r.ident = learning_.status();
+
+    const std::int64_t wake_ns = time_.woken_ns - time_.scheduled_ns;
+    longest_wake_ns_ = std::max(longest_wake_ns_, wake_ns);
+    longest_execution_ns_ = std::max(longest_execution_ns_, time_.last_execution_ns);
+    r.timing.wake_latency_last_us = microseconds(wake_ns);
+    r.timing.wake_latency_max_us = microseconds(longest_wake_ns_);
+    r.timing.execution_max_us = microseconds(longest_execution_ns_);
+    r.timing.missed_cycles = static_cast<std::uint16_t>(std::min<std::uint64_t>(overrun_.total(), 0xFFFF));
+
+    const hal::CanStatistics statistics = ports_.drive_bus.statistics();
+    const auto narrow = [](std::uint64_t value) {
+        return static_cast<std::uint16_t>(std::min<std::uint64_t>(value, 0xFFFF));
+    };
+    r.bus_load.drive_bus_load_percent = 100 * drive_meter_.load();
+    r.bus_load.host_bus_load_percent = 100 * host_meter_.load();
+    r.bus_load.telemetry_deferred = narrow(telemetry_.deferred());
+    r.bus_load.receive_overflow = narrow(statistics.receive_overflow);
+    r.bus_load.send_refused = narrow(send_refused_);
+
+    const auto& design = control_.design().result();
+    r.design.proportional_gain_per_s = design.gains.kp_per_s;
+    r.design.integral_gain_per_s2 = design.gains.ki_per_s2;
+    r.design.phase_margin_deg = design.phase_margin_deg;
+    r.design.sensitivity_peak = design.sensitivity_peak;
+
+    using Cause = HostLink::Cause;
+    host_.set_counter(Cause::missed_cycles, static_cast<std::uint32_t>(overrun_.total()));
+    host_.set_counter(Cause::telemetry_deferred, telemetry_.deferred());
+    host_.set_counter(Cause::send_refused,
+                      send_refused_ + outbox_.lost() + torques_.lost() + telemetry_.replies_lost());
+    host_.set_counter(Cause::receive_overflow, static_cast<std::uint32_t>(statistics.receive_overflow));
+    host_.set_counter(Cause::bus_error_frames, static_cast<std::uint32_t>(statistics.error_frames));
+    host_.set_counter(Cause::bus_off, static_cast<std::uint32_t>(statistics.bus_off));
+    host_.set_counter(Cause::stale_feedback_cycles, stale_feedback_cycles_);
+    for (std::size_t i = 0; i < r.counters.size(); ++i) r.counters[i] = host_.counter(static_cast<Cause>(i));
+}
+
+}  // namespace wheelwright::task

@@ -1,0 +1,145 @@
+#include "firmware/task/learning.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "firmware/task/cycle_schedule.hpp"
+
+namespace wheelwright::task {
+namespace {
+
+constexpr std::uint32_t kExcitationSeed = 20260701;  // the same sequence in every run: a run can be repeated
+
+ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& p, double kernel_s) {
+    ident::RegressionFilterOptions<double> options;
+    options.geometry = p.geometry;
+    options.effects = p.effects;
+    options.sample_time_s = kCyclePeriod_s;
+    options.kernel_s = kernel_s;
+    options.delay_s = p.velocity_loop.actuation_delay_s + Learning::sample_age_s(p);
+    return options;
+}
+
+double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
+
+}  // namespace
+
+void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
+                                    const Pose<double>& pose) {
+    ident::IdentificationOptions<double> options;
+    auto& excitation = options.excitation;
+    excitation.amplitude_Nm =
+        std::min(chosen(settings.amplitude_Nm, p.ident.amplitude_Nm), p.limits.torque_Nm);
+    excitation.bit_time_s = chosen(1e-3 * settings.bit_time_ms, p.ident.bit_time_s);
+    excitation.sample_time_s = kCyclePeriod_s;
+    excitation.speed_limit_m_per_s =
+        std::min(chosen(settings.speed_limit_m_per_s, p.ident.speed_limit_m_per_s), p.limits.speed_m_per_s);
+    excitation.yaw_rate_limit_rad_per_s =
+        std::min(chosen(settings.yaw_rate_limit_rad_per_s, p.ident.yaw_rate_limit_rad_per_s),
+                 p.limits.yaw_rate_rad_per_s);
+    excitation.distance_limit_m = chosen(settings.distance_limit_m, p.ident.distance_limit_m);
+    options.estimator.filter = filter_options(p, p.ident.kernel_s);
+    options.estimator.relative_standard_error = p.ident.relative_standard_error;
+    options.delay_phase_s = p.ident.delay_phase_s;
+    options.duration_s = chosen(settings.duration_s, p.ident.duration_s);
+    run_.start(options, pose, kExcitationSeed);
+    sample_age_s_ = sample_age_s(p);
+    duration_s_ = options.duration_s;
+    relative_standard_error_ = p.ident.relative_standard_error;
+    minimum_excitation_ = p.adaptation.minimum_excitation;
+    started_ = true;
+    adapting_ = false;
+}
+
+void Learning::record(ParameterService& service, model::RobotParameters& live) const {
+    const auto& e = run_.estimate();
+    const auto put = [&service](std::string_view key, double value) {
+        if (const model::ParameterInfo* info = model::find_parameter(key)) {
+            service.record(info->index, std::clamp(value, info->minimum, info->maximum));
+        }
+    };
+    put("dynamics.k5_m", e.dynamics.k5_m);
+    put("dynamics.k6_per_m", e.dynamics.k6_per_m);
+    put("dynamics.k7_per_kg_m", e.dynamics.k7_per_kg_m);
+    put("dynamics.k8_per_kg_m2", e.dynamics.k8_per_kg_m2);
+    put("dynamics_standard_error.k5_m", e.standard_error.k5_m);
+    put("dynamics_standard_error.k6_per_m", e.standard_error.k6_per_m);
+    put("dynamics_standard_error.k7_per_kg_m", e.standard_error.k7_per_kg_m);
+    put("dynamics_standard_error.k8_per_kg_m2", e.standard_error.k8_per_kg_m2);
+    if (run_.delay().valid) put("velocity_loop.actuation_delay_s", run_.delay().delay_s - sample_age_s_);
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!e.effects.active[i]) continue;
+        const auto& parameters = model::kEffects[i].parameters;
+        for (std::size_t j = 0; j < parameters.size(); ++j) {
+            service.record(
+                model::effect_index(i, j),
+                std::clamp(e.effects.parameter[i][j], parameters[j].minimum, parameters[j].maximum));
+            live.effects_standard_error.parameter[i][j] = e.effects_standard_error.parameter[i][j];
+        }
+    }
+}
+
+void Learning::start_adaptation(const model::RobotParameters& p, const control::PlantModel<double>& plant) {
+    ident::AdaptiveEstimatorOptions<double> options;
+    options.filter = filter_options(p, ident::kAdaptiveKernel_s);
+    options.dynamics = plant.dynamics;
+    options.standard_error = p.dynamics_standard_error;
+    options.effects = plant.effects;
+    options.effects_standard_error = p.effects_standard_error;
+    options.memory_s = p.adaptation.memory_s;
+    options.minimum_excitation = p.adaptation.minimum_excitation;
+    options.trust_relative_error = p.adaptation.trust_relative_error;
+    options.range = p.adaptation.range;
+    adaptive_.configure(options);
+    guard_.configure({p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error,
+                      p.adaptation.range, kCyclePeriod_s, p.geometry.track_m},
+                     plant.dynamics, plant.effects);
+    minimum_excitation_ = p.adaptation.minimum_excitation;
+    adapting_ = true;
+}
+
+bool Learning::adapt(const Sample& sample, bool may_adapt) {
+    adaptive_.push(sample);
+    return guard_.update(adaptive_.estimate(), may_adapt);
+}
+
+control::PlantModel<double> Learning::adapted(const control::PlantModel<double>& plant) const {
+    return {plant.geometry, guard_.dynamics(), guard_.effects()};
+}
+
+bool Learning::adaptation_frozen() const {
+    const auto frozen = adaptive_.frozen();
+    return adapting_ && (frozen.k7 || frozen.k8);
+}
+
+protocol::IdentStatus Learning::status() const {
+    protocol::IdentStatus status;
+    if (!started_) return status;
+    status.phase = static_cast<protocol::IdentPhase>(static_cast<unsigned>(run_.state()) + 1);
+    status.delay_s = std::max(run_.delay().delay_s - sample_age_s_, 0.0);
+    status.samples = estimate().rows;
+    const auto& x = estimate().excitation;
+    status.excitation_percent = 100 * std::min(std::min(x.k7_per_kg_m, x.k8_per_kg_m2), 1.0);
+    return status;
+}
+
+// Standard errors fall with the square root of time, so the share of time that is done is the square of
+// theirs.
+double Learning::progress() const {
+    if (!started_) return 0;
+    if (identification_succeeded()) return 1;
+    const auto& e = run_.estimate();
+    const double worst = std::max(e.standard_error.k7_per_kg_m / std::abs(e.dynamics.k7_per_kg_m),
+                                  e.standard_error.k8_per_kg_m2 / std::abs(e.dynamics.k8_per_kg_m2));
+    const double by_error = worst > 0 ? std::pow(relative_standard_error_ / worst, 2) : 0;
+    const double by_time = run_.elapsed_s() / duration_s_;
+    const double share = std::max(std::isfinite(by_error) ? by_error : 0.0, by_time);
+    return std::clamp(share, 0.0, 0.99);
+}
+
+bool Learning::excited() const {
+    const auto& x = estimate().excitation;
+    return x.k7_per_kg_m >= minimum_excitation_ && x.k8_per_kg_m2 >= minimum_excitation_;
+}
+
+}  // namespace wheelwright::task

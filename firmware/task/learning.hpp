@@ -1,0 +1,67 @@
+// The estimators in the cycle: the ident mode's run, and adaptation while a trajectory is driven. Decides
+// nothing about modes; says what was learned.
+//
+// Threads: the cycle's. No call allocates, blocks or throws.
+#pragma once
+
+#include <cstdint>
+
+#include "firmware/control/feedback_linearisation.hpp"
+#include "firmware/ident/adaptive_estimator.hpp"
+#include "firmware/ident/identification_run.hpp"
+#include "firmware/ident/model_guard.hpp"
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
+#include "firmware/task/parameter_service.hpp"
+
+namespace wheelwright::task {
+
+class Learning {
+  public:
+    using Sample = ident::IdentSample<double>;
+
+    // How long before the cycle's instant the angles of a Sample were: the estimators count it as delay.
+    static double sample_age_s(const model::RobotParameters& parameters) {
+        return 1e-3 * (1 + parameters.drive.encoder_period_ms);
+    }
+
+    // Settings of zero mean the robot file's value.
+    void start_identification(const model::RobotParameters& parameters,
+                              const protocol::IdentSettings& settings, const Pose<double>& pose);
+    WheelPair<double> identify(const Sample& sample, const Pose<double>& pose, const Twist<double>& twist) {
+        return run_.step(sample, pose, twist);
+    }
+    bool identification_finished() const { return run_.finished(); }
+    bool identification_succeeded() const { return run_.state() == ident::IdentState::done; }
+
+    // Writes what the run found to the live parameters; they are then the controllers' model.
+    void record(ParameterService& service, model::RobotParameters& live) const;
+
+    void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant);
+    // True when adapted() differs from before. `may_adapt`: nothing forbids it (saturation, slip).
+    bool adapt(const Sample& sample, bool may_adapt);
+    control::PlantModel<double> adapted(const control::PlantModel<double>& plant) const;
+    bool adaptation_frozen() const;
+
+    // The estimate of whichever ran last.
+    const ident::DynamicsEstimate<double>& estimate() const {
+        return adapting_ ? adaptive_.estimate() : run_.estimate();
+    }
+    const ident::IdentificationRun<double>& run() const { return run_; }
+    protocol::IdentStatus status() const;
+    double progress() const;  // 0..1
+    bool excited() const;
+
+  private:
+    ident::IdentificationRun<double> run_;
+    ident::AdaptiveEstimator<double> adaptive_;
+    ident::ModelGuard<double> guard_;
+    double sample_age_s_ = 0;
+    double duration_s_ = 1;
+    double relative_standard_error_ = 1;
+    double minimum_excitation_ = 0;
+    bool started_ = false;
+    bool adapting_ = false;
+};
+
+}  // namespace wheelwright::task

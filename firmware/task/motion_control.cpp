@@ -1,0 +1,202 @@
+#include "firmware/task/motion_control.hpp"
+
+#include <algorithm>
+
+#include "firmware/task/cycle_schedule.hpp"
+
+namespace wheelwright::task {
+namespace {
+
+bool same_request(const control::LoopDesignRequest<double>& a, const control::LoopDesignRequest<double>& b) {
+    return a.method == b.method && a.settling_time_s == b.settling_time_s && a.damping == b.damping &&
+           a.setpoint_weight == b.setpoint_weight && a.phase_margin_deg == b.phase_margin_deg &&
+           a.sensitivity_peak == b.sensitivity_peak && a.cycle_s == b.cycle_s &&
+           a.actuation_delay_s == b.actuation_delay_s &&
+           a.observer_bandwidth_rad_per_s == b.observer_bandwidth_rad_per_s &&
+           a.encoder_period_s == b.encoder_period_s;
+}
+
+// Paths that start at rest get up to pace over this time, or a quarter of their period.
+constexpr double kPathRamp_s = 1.0;
+
+}  // namespace
+
+void MotionControl::configure(const model::RobotParameters& parameters) {
+    parameters_ = parameters;
+    plant_ = control::plant_model<double>(parameters);
+    limiter_.configure(std::min(parameters.limits.acceleration_m_per_s2,
+                                2 * parameters.dynamics.k7_per_kg_m * parameters.limits.torque_Nm),
+                       std::min(parameters.limits.yaw_acceleration_rad_per_s2,
+                                2 * parameters.dynamics.k8_per_kg_m2 * parameters.limits.torque_Nm));
+    pose_.configure(control::pose_control_settings<double>(parameters));
+    tracker_.configure(control::tracking_settings<double>(parameters));
+    if (path_.period_s == 0) select_trajectory({});
+    const auto request = control::loop_design_request<double>(parameters, kCyclePeriod_s);
+    if (!same_request(request, request_) || design_.status() == control::DesignStatus::none) {
+        request_ = request;
+        design_.begin(request);
+        design_accepted_ = false;
+    }
+    use_gains();
+}
+
+void MotionControl::use_gains() { loop_.configure({gains_, parameters_.limits.torque_Nm, kCyclePeriod_s}); }
+
+void MotionControl::finish_design() {
+    for (int i = 0;
+         i < control::LoopDesign<double>::kMostSteps && design_.status() == control::DesignStatus::running;
+         ++i) {
+        step_design();
+    }
+}
+
+void MotionControl::step_design() {
+    if (design_.status() != control::DesignStatus::running) return;
+    design_.step();
+    if (design_.accepted()) {
+        gains_ = design_.result().gains;
+        design_accepted_ = true;
+        use_gains();
+    }
+}
+
+void MotionControl::change_model(const control::PlantModel<double>& plant,
+                                 const model::Motion<double>& measured) {
+    loop_.change_model(plant_, plant, measured);
+    plant_ = plant;
+}
+
+void MotionControl::select_trajectory(const protocol::TrajectoryCommand& command) {
+    streamed_selected_ = command.shape == protocol::TrajectoryShape::streamed;
+    path_ = control::standard_figure_eight<double>(parameters_);
+    if (!streamed_selected_) path_.kind = static_cast<control::PathKind>(command.shape);
+    if (command.length_m != 0) path_.length_m = command.length_m;
+    if (command.width_m != 0) path_.width_m = command.width_m;
+    if (command.period_s != 0) path_.period_s = command.period_s;
+    if (path_.kind != control::PathKind::figure_eight) {
+        path_.ramp_s = std::min(kPathRamp_s, path_.period_s / 4);
+    }
+}
+
+void MotionControl::start_trajectory(const MotionInputs& now) {
+    // The figure-8 lies in the fixed frame, as in Fig. 20; the other paths begin where the robot stands.
+    path_.origin = path_.kind == control::PathKind::figure_eight ? Pose<double>{} : now.pose;
+    trajectory_start_ns_ = now.now_ns;
+    streamed_.reset();
+    streamed_time_ns_ = 0;
+}
+
+// The loops take over from whatever drove last; where they drove themselves, they simply go on.
+void MotionControl::take_over(const MotionInputs& now) {
+    if (!loops_drive_) loop_.start(plant_, now.motion, now.last_torque_Nm);
+}
+
+void MotionControl::enter(protocol::Mode mode, const MotionInputs& now) {
+    take_over(now);
+    switch (mode) {
+        case protocol::Mode::velocity:
+            limiter_.reset(now.motion.twist);
+            break;
+        case protocol::Mode::pose:
+            pose_.start(now.motion.twist);
+            break;
+        case protocol::Mode::trajectory:
+        case protocol::Mode::adaptive:
+            tracker_.start(now.motion.twist);
+            start_trajectory(now);
+            break;
+        default:
+            break;
+    }
+}
+
+MotionOutput MotionControl::open_loop(const WheelPair<double>& wanted_Nm) const {
+    MotionOutput out;
+    const double limit = parameters_.limits.torque_Nm;
+    out.torque_Nm = {std::clamp(wanted_Nm.left, -limit, limit), std::clamp(wanted_Nm.right, -limit, limit)};
+    if (out.torque_Nm.left != wanted_Nm.left || out.torque_Nm.right != wanted_Nm.right) {
+        out.limits.set(control::Limiter::torque_sum);
+    }
+    return out;
+}
+
+MotionOutput MotionControl::follow(const MotionInputs& now, const Twist<double>& wanted) {
+    MotionOutput out;
+    const Twist<double> scaled = control::scale_jointly(wanted, parameters_.limits.speed_m_per_s,
+                                                        parameters_.limits.yaw_rate_rad_per_s, out.limits);
+    control::VelocityReference<double> reference;
+    reference.twist = limiter_.step(scaled, now.elapsed_s, out.limits);
+    loops_drive_ = true;
+    out.torque_Nm = loop_.update(plant_, now.motion, reference);
+    out.reference = reference.twist;
+    out.limits.add(loop_.flags());
+    return out;
+}
+
+MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host) {
+    MotionOutput out;
+    control::ReferencePoint<double> point;
+    if (streamed_selected_) {
+        if (host.streamed.received && host.streamed.time_ns != streamed_time_ns_) {
+            streamed_time_ns_ = host.streamed.time_ns;
+            streamed_.push(host.streamed.value.pose, host.streamed.value.twist, streamed_time_ns_);
+        }
+        if (!streamed_.valid()) return follow(now, {});
+        point = streamed_.at(now.now_ns);
+    } else {
+        point = control::path_point(path_, 1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_));
+    }
+    const auto command = tracker_.update(point, now.pose, now.elapsed_s);
+    loops_drive_ = true;
+    out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
+    out.reference = command.reference.twist;
+    out.tracking_error = {command.along_m, command.across_m, command.heading_rad};
+    out.limits = command.flags;
+    out.limits.add(loop_.flags());
+    return out;
+}
+
+MotionOutput MotionControl::torque(protocol::Mode mode, const MotionInputs& now, const HostLink& host) {
+    switch (mode) {
+        case protocol::Mode::torque:
+            loops_drive_ = false;
+            return open_loop(host.torque_Nm.received ? host.torque_Nm.value : WheelPair<double>{});
+        case protocol::Mode::velocity:
+            return follow(now, host.velocity.received ? host.velocity.value : Twist<double>{});
+        case protocol::Mode::pose: {
+            if (host.goal.received) pose_.set_goal(host.goal.value.pose, host.goal.value.direction);
+            const auto command = pose_.update(now.pose, now.elapsed_s);
+            MotionOutput out;
+            loops_drive_ = true;
+            out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
+            out.reference = command.reference.twist;
+            out.tracking_error = {command.distance_m, 0, -command.heading_error_rad};
+            out.limits = command.flags;
+            out.limits.add(loop_.flags());
+            out.goal_reached = command.goal_reached;
+            return out;
+        }
+        case protocol::Mode::trajectory:
+        case protocol::Mode::adaptive:
+            return track(now, host);
+        default:
+            return {};
+    }
+}
+
+void MotionControl::begin_braking(const MotionInputs& now) {
+    take_over(now);
+    limiter_.reset(now.motion.twist);
+}
+
+MotionOutput MotionControl::brake(const MotionInputs& now) {
+    if (!design_accepted_) return {};  // without loops that are known to be stable: coast
+    return follow(now, {});
+}
+
+void MotionControl::release() {
+    loop_.stop();
+    loops_drive_ = false;
+}
+
+}  // namespace wheelwright::task

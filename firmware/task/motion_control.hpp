@@ -1,0 +1,99 @@
+// The laws of the driving modes joined: from set-points and the measured motion to wheel torques. Each mode
+// starts from the motion and the torque that it finds, so that switching between modes makes no bump.
+//
+// Threads: the cycle's. No call allocates, blocks or throws. One call of torque() runs one mode's law.
+#pragma once
+
+#include <cstdint>
+
+#include "firmware/control/feedback_linearisation.hpp"
+#include "firmware/control/limits.hpp"
+#include "firmware/control/loop_design.hpp"
+#include "firmware/control/pose_control.hpp"
+#include "firmware/control/tracking.hpp"
+#include "firmware/control/trajectory.hpp"
+#include "firmware/control/velocity_loop.hpp"
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
+#include "firmware/task/host_link.hpp"
+
+namespace wheelwright::task {
+
+struct MotionInputs {
+    std::int64_t now_ns = 0;
+    double elapsed_s = 0;  // since the cycle before
+    model::Motion<double> motion;
+    Pose<double> pose;
+    WheelPair<double> last_torque_Nm;
+};
+
+struct MotionOutput {
+    WheelPair<double> torque_Nm;
+    Twist<double> reference;
+    Pose<double> tracking_error;  // reference less robot, in the robot's frame: along, across, heading
+    control::LimiterFlags limits;
+    bool goal_reached = false;
+};
+
+class MotionControl {
+  public:
+    // Takes the robot file's numbers. The velocity loops' design begins anew when what it depends on has
+    // changed; until it is accepted the former gains stay.
+    void configure(const model::RobotParameters& parameters);
+
+    // Completes a design that configure() began; start-up only.
+    void finish_design();
+    // One bounded piece of a design under way.
+    void step_design();
+    bool design_accepted() const { return design_accepted_; }
+    const control::LoopDesign<double>& design() const { return design_; }
+
+    // The controller's model. change_model() keeps the torque where it is.
+    const control::PlantModel<double>& plant() const { return plant_; }
+    void change_model(const control::PlantModel<double>& plant, const model::Motion<double>& measured);
+
+    // What the trajectory modes follow; takes effect at once, and its time begins with start_trajectory().
+    void select_trajectory(const protocol::TrajectoryCommand& command);
+    std::int64_t trajectory_start_ns() const { return trajectory_start_ns_; }
+    bool streamed() const { return streamed_selected_; }
+
+    // Call in the cycle that enters a mode, before torque().
+    void enter(protocol::Mode mode, const MotionInputs& now);
+
+    // The law of a mode; host holds the set-points. Modes without a law of their own give zero.
+    MotionOutput torque(protocol::Mode mode, const MotionInputs& now, const HostLink& host);
+
+    // Brakes to rest; begin_braking() once before.
+    void begin_braking(const MotionInputs& now);
+    MotionOutput brake(const MotionInputs& now);
+
+    // Nothing drives: the loops forget.
+    void release();
+
+  private:
+    MotionOutput open_loop(const WheelPair<double>& wanted_Nm) const;
+    MotionOutput follow(const MotionInputs& now, const Twist<double>& wanted);
+    MotionOutput track(const MotionInputs& now, const HostLink& host);
+    void start_trajectory(const MotionInputs& now);
+    void use_gains();
+    void take_over(const MotionInputs& now);
+
+    model::RobotParameters parameters_;
+    control::PlantModel<double> plant_;
+    control::LoopDesign<double> design_;
+    control::LoopDesignRequest<double> request_;
+    control::LoopGains<double> gains_;
+    bool design_accepted_ = false;
+    control::VelocityLoop<double> loop_;
+    bool loops_drive_ = false;  // they gave the last cycle's torque
+    control::TwistRateLimiter<double> limiter_;
+    control::PoseController<double> pose_;
+    control::TrajectoryTracker<double> tracker_;
+    control::StreamedReference<double> streamed_;
+    std::int64_t streamed_time_ns_ = 0;
+    control::PathSettings<double> path_;
+    bool streamed_selected_ = false;
+    std::int64_t trajectory_start_ns_ = 0;
+};
+
+}  // namespace wheelwright::task

@@ -1,0 +1,144 @@
+// Firmware and robot in one process and virtual time: the same objects that run on a robot, an in-process CAN
+// bus, and a simulated robot with a truth of its own. Between them there are CAN frames only; the judge alone
+// sees the truth. The same seed gives the same bytes.
+//
+//   Simulation sim(controller, truth, options);
+//   sim.host().mode(protocol::Mode::velocity);
+//   sim.host().velocity({0.3, 0});
+//   sim.run_for(2.0);
+//   judge(sim.world().pose());
+//
+// Threads: one. Nothing allocates after the constructor, unless a log is being written.
+#pragma once
+
+#include <cstdint>
+#include <cstdio>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "drivers/drive_catalogue.hpp"
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/task/cycle.hpp"
+#include "firmware/task/robot_file.hpp"
+#include "sim_hal/in_process_bus.hpp"
+#include "sim_hal/sim_line.hpp"
+#include "sim_hal/virtual_clock.hpp"
+#include "sim_hal/world.hpp"
+
+namespace wheelwright::tools {
+
+// The world's options that a truth file's [simulation] speaks of.
+sim::WorldOptions world_options(const task::SimulationParameters& from, std::uint64_t seed);
+
+// The host of a simulated robot: sends commands, repeats set-points at their cycle times, hands on external
+// poses. Commands take effect at the next cycle of the simulation.
+class SimulatedHost {
+  public:
+    SimulatedHost(hal::CanBus& bus, sim::World& world) : bus_(bus), world_(world) {}
+
+    void mode(protocol::Mode mode);
+    void clear_fault();
+    void emergency_stop();
+    void trajectory(const protocol::TrajectoryCommand& command);
+    void ident(const protocol::IdentSettings& settings);
+    void parameter(protocol::ParameterOperation operation, std::uint16_t index, float value = 0);
+
+    // Set-points, repeated until another one is given or silence() is called.
+    void torque(const WheelPair<double>& torque_Nm);
+    void velocity(const Twist<double>& twist);
+    void goal(const Pose<double>& pose, protocol::PoseDirection direction);
+    // A reference to stream: pose and velocities as a function of the time since now.
+    void stream(std::function<std::pair<Pose<double>, Twist<double>>(double time_s)> reference);
+    void silence();
+
+    // Hands on the world's external poses (on at first).
+    void external_poses(bool on) { external_poses_ = on; }
+    // Sends one external pose, as a known starting point is told.
+    void external_pose(const Pose<double>& pose);
+
+    // Once in each millisecond.
+    void step(std::int64_t now_ns);
+
+    std::uint32_t refused() const { return refused_; }
+
+  private:
+    enum class Repeating : std::uint8_t { nothing, torque, velocity, goal, stream };
+    template <typename Message>
+    void send(const Message& message);
+    void send_setpoint(std::int64_t now_ns);
+
+    hal::CanBus& bus_;
+    sim::World& world_;
+    Repeating repeating_ = Repeating::nothing;
+    protocol::TorqueCommand torque_;
+    protocol::VelocityCommand velocity_;
+    protocol::PoseGoal goal_;
+    std::function<std::pair<Pose<double>, Twist<double>>(double)> stream_;
+    std::int64_t stream_start_ns_ = 0;
+    std::int64_t now_ns_ = 0;
+    std::int64_t next_ns_ = 0;
+    bool external_poses_ = true;
+    std::uint8_t alive_ = 0;
+    std::uint32_t refused_ = 0;
+};
+
+struct SimulationOptions {
+    std::uint64_t seed = 1;
+    sim::WorldOptions world;  // its seed is replaced
+    std::int64_t start_ns = 1'000'000'000;
+    bool separate_host_bus = false;
+    bool emergency_stop_line = false;
+    std::string log_path;  // "": no log; otherwise candump -L of the drives' bus (and the host's, as can1)
+};
+
+class Simulation {
+  public:
+    Simulation(const model::RobotParameters& controller, const model::RobotParameters& truth,
+               const SimulationOptions& options);
+    ~Simulation();
+    Simulation(const Simulation&) = delete;
+    Simulation& operator=(const Simulation&) = delete;
+
+    // Runs whole cycles for a time; `each` is called after every cycle.
+    void run_for(double duration_s, const std::function<void()>& each = {});
+    // Runs until `done` (looked at after each cycle) or until the time is over. True: done.
+    bool run_until(const std::function<bool()>& done, double at_most_s,
+                   const std::function<void()>& each = {});
+    void step();
+
+    double time_s() const;  // since the start
+    std::int64_t now_ns() const { return clock_.now_ns(); }
+
+    task::Cycle& cycle() { return *cycle_; }
+    const task::Cycle& cycle() const { return *cycle_; }
+    model::RobotParameters& parameters() { return parameters_; }
+    sim::World& world() { return *world_; }
+    SimulatedHost& host() { return *host_; }
+    sim::InProcessBus& bus() { return bus_; }
+    sim::SimInput& emergency_stop() { return stop_line_; }
+    task::SaveMailbox& mailbox() { return mailbox_; }
+    bool log_failed() const;
+
+  private:
+    class Log;
+
+    model::RobotParameters parameters_;
+    std::int64_t start_ns_;
+    sim::VirtualClock clock_;
+    sim::InProcessBus bus_;
+    std::unique_ptr<sim::InProcessBus> host_bus_;
+    std::unique_ptr<sim::World> world_;
+    std::unique_ptr<sim::VirtualRobot> robot_;
+    drivers::DriveSlot left_;
+    drivers::DriveSlot right_;
+    sim::SimInput stop_line_;
+    task::SaveMailbox mailbox_;
+    std::unique_ptr<task::Cycle> cycle_;
+    std::unique_ptr<SimulatedHost> host_;
+    task::CycleSchedule schedule_;
+    std::unique_ptr<Log> log_;
+};
+
+}  // namespace wheelwright::tools
