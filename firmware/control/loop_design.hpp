@@ -85,7 +85,7 @@ struct LoopDesignResult {
 template <typename Real>
 class LoopDesign {
   public:
-    static constexpr Real kSettlingShare = Real(0.6);  // of the wanted time, for the nominal response
+    static constexpr Real kSettlingShare = Real(0.7);  // of the wanted time, for the nominal response
 
     void begin(const LoopDesignRequest<Real>& request) {
         request_ = request;
