@@ -22,6 +22,6 @@ if(WHEELWRIGHT_CCACHE)
 endif()
 
 # Eigen is a SYSTEM include, so that our warnings stay ours.
-find_path(WHEELWRIGHT_EIGEN_DIR Eigen/Core PATH_SUFFIXES eigen3 REQUIRED)
+find_path(WHEELWRIGHT_EIGEN_DIR Eigen/Core PATHS /usr/include PATH_SUFFIXES eigen3 REQUIRED)
 add_library(wheelwright_eigen INTERFACE)
 target_include_directories(wheelwright_eigen SYSTEM INTERFACE ${WHEELWRIGHT_EIGEN_DIR})
