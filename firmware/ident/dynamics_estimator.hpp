@@ -114,7 +114,7 @@ class DynamicsEstimator {
     }
 
   private:
-    static constexpr int kFixed = 3;  // velocity product, torque, lag
+    static constexpr int kFixed = 4;  // velocity product, torque, lag
     static constexpr double kLargestTapSpacing_s = 0.003;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
     static constexpr std::uint32_t kEnoughRows = 200;
@@ -152,7 +152,8 @@ class DynamicsEstimator {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         const Real torque = combine(row.torque_Nm[1]);
         const Real lag = combine(row.torque_Nm[0]) + combine(row.torque_Nm[2]) - 2 * torque;
-        Vector phi{velocity_product, torque, lag};
+        const Real slip = combine(row.torque_Nm[2]) - combine(row.torque_Nm[0]);
+        Vector phi{velocity_product, torque, lag, slip};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
             phi[kFixed + j] = combine(row.column[j]);
         update(equation, phi, y);
