@@ -14,8 +14,8 @@
 // share of the wanted time; the rest is kept for saturation, noise and a wrong model.
 // method paper: eq (69)-(72) as printed, weight 1.
 //
-// The work is cut in steps of less than 1500 instructions, so that a 1 kHz cycle can carry it: one or two
-// hundred steps in all. One thread; no allocation.
+// The work is cut in steps of less than 1500 instructions, so that a 1 kHz cycle can carry it: about 150
+// steps in all. One thread; no allocation.
 #pragma once
 
 #include <algorithm>
@@ -116,7 +116,7 @@ class LoopDesign {
         if (stage_ == Stage::response) {
             step_response();
         } else {
-            for (int n = 0; n < 2 && status_ == DesignStatus::running; ++n) step_sweep();
+            step_sweep();
         }
         return status_ == DesignStatus::running;
     }

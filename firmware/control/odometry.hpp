@@ -221,33 +221,34 @@ class Odometry {
         auto& p = covariance_;
         // pose' = F pose + G constants: the heading's error swings the window's chord; a turn error, which
         // grows evenly over the window, swings it half as much.
-        const std::array<Real, 3> turn_by{0, window_turn_raw_, window_distance_raw_};
-        std::array<std::array<Real, kStates>, 3> f{};
-        f[0][0] = f[1][1] = f[2][2] = 1;
-        f[0][2] = -dy;
-        f[1][2] = dx;
-        f[0][3] = dx;
-        f[1][3] = dy;
-        for (std::size_t j = 1; j < 3; ++j) {
-            f[0][3 + j] = -dy * turn_by[j] / 2;
-            f[1][3 + j] = dx * turn_by[j] / 2;
-            f[2][3 + j] = turn_by[j];
+        const Real tb = window_turn_raw_;
+        const Real tc = window_distance_raw_;
+        std::array<Real, kStates> r0, r1, r2;  // F P, upper rows
+        for (std::size_t j = 0; j < kStates; ++j) {
+            const Real swung = p[2][j] + (tb * p[4][j] + tc * p[5][j]) / 2;
+            r0[j] = p[0][j] - dy * swung + dx * p[3][j];
+            r1[j] = p[1][j] + dx * swung + dy * p[3][j];
+            r2[j] = p[2][j] + tb * p[4][j] + tc * p[5][j];
         }
-        std::array<std::array<Real, kStates>, 3> fp{};  // upper rows of F P
-        for (std::size_t i = 0; i < 3; ++i) {
-            for (std::size_t j = 0; j < kStates; ++j) {
-                Real sum = p[i][j];
-                for (std::size_t k = i < 2 ? 2 : 3; k < kStates; ++k) sum += f[i][k] * p[k][j];
-                fp[i][j] = sum;
-            }
-        }
-        for (std::size_t i = 0; i < 3; ++i) {
-            for (std::size_t j = i; j < 3; ++j) {
-                Real sum = fp[i][j];
-                for (std::size_t k = j < 2 ? 2 : 3; k < kStates; ++k) sum += fp[i][k] * f[j][k];
-                p[i][j] = p[j][i] = sum;
-            }
-            for (std::size_t j = 3; j < kStates; ++j) p[i][j] = p[j][i] = fp[i][j];
+        const auto to_x = [&](const std::array<Real, kStates>& r) {
+            return r[0] - dy * (r[2] + (tb * r[4] + tc * r[5]) / 2) + dx * r[3];
+        };
+        const auto to_y = [&](const std::array<Real, kStates>& r) {
+            return r[1] + dx * (r[2] + (tb * r[4] + tc * r[5]) / 2) + dy * r[3];
+        };
+        const auto to_heading = [&](const std::array<Real, kStates>& r) {
+            return r[2] + tb * r[4] + tc * r[5];
+        };
+        p[0][0] = to_x(r0);
+        p[0][1] = p[1][0] = to_y(r0);
+        p[0][2] = p[2][0] = to_heading(r0);
+        p[1][1] = to_y(r1);
+        p[1][2] = p[2][1] = to_heading(r1);
+        p[2][2] = to_heading(r2);
+        for (std::size_t j = 3; j < kStates; ++j) {
+            p[0][j] = p[j][0] = r0[j];
+            p[1][j] = p[j][1] = r1[j];
+            p[2][j] = p[j][2] = r2[j];
         }
         // Noise: a random walk in distance and in turn, the turn's seen from the window's end.
         const Real along = settings_.distance_noise * settings_.distance_noise * window_distance_;
@@ -316,16 +317,20 @@ class Odometry {
         doubts_in_a_row_ = 0;
         std::array<Real, kStates> change{};
         auto& p = covariance_;
-        for (std::size_t i = 0; i < 3; ++i) {  // one scalar measurement after another
-            const Real scale = 1 / (p[i][i] + noise[i]);
-            const Real rest = innovation[i] - change[i];
-            std::array<Real, kStates> gain{};
-            for (std::size_t j = 0; j < kStates; ++j) gain[j] = p[j][i] * scale;
-            for (std::size_t j = 0; j < kStates; ++j) change[j] += gain[j] * rest;
-            const std::array<Real, kStates> row = p[i];
+        for (std::size_t i = 0; i < 3; ++i) {  // one scalar measurement after another, on the upper triangle
+            std::array<Real, kStates> row;
+            for (std::size_t j = 0; j < i; ++j) row[j] = p[j][i];
+            for (std::size_t j = i; j < kStates; ++j) row[j] = p[i][j];
+            const Real scale = 1 / (row[i] + noise[i]);
+            const Real rest = (innovation[i] - change[i]) * scale;
             for (std::size_t j = 0; j < kStates; ++j) {
-                for (std::size_t k = j; k < kStates; ++k) p[j][k] = p[k][j] = p[j][k] - gain[j] * row[k];
+                const Real gain = row[j] * scale;
+                change[j] += row[j] * rest;
+                for (std::size_t k = j; k < kStates; ++k) p[j][k] -= gain * row[k];
             }
+        }
+        for (std::size_t j = 1; j < kStates; ++j) {
+            for (std::size_t k = 0; k < j; ++k) p[j][k] = p[k][j];
         }
         correct(then, {expected.x_m + change[0], expected.y_m + change[1], expected.heading_rad + change[2]});
         calibration_.distance += change[3];

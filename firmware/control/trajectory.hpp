@@ -41,6 +41,14 @@ PathSettings<Real> standard_figure_eight(const model::RobotParameters& from) {
     return to;
 }
 
+namespace detail {
+// Whole part of a number that is not negative.
+template <typename Real>
+Real whole(Real number) {
+    return static_cast<Real>(static_cast<std::int64_t>(number));
+}
+}  // namespace detail
+
 // The reference at time_s since the path's start; before the start, its beginning at rest.
 template <typename Real>
 ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
@@ -68,7 +76,7 @@ ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
         case PathKind::figure_eight: {
             const Real laps = s / path.period_s;
             const Real pace = two_pi / path.period_s;
-            const Real p = two_pi * (laps - std::floor(laps));
+            const Real p = two_pi * (laps - detail::whole(laps));
             const Real a = path.length_m / 2;
             const Real b = path.width_m / 2;
             const Real sp = std::sin(p);
@@ -81,9 +89,10 @@ ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
             const Real p1 = pace * s1, p2 = pace * s2;
             const Real way2 = x1 * x1 + y1 * y1;  // never zero: cos p and cos 2p have no common zero
             const Real way = std::sqrt(way2);
-            const Real turn = (x1 * y2 - y1 * x2) / way2;  // heading by p
-            const Real stretch = (x1 * x2 + y1 * y2) / way2;
-            const Real turn2 = (x1 * y3 - y1 * x3) / way2 - 2 * turn * stretch;
+            const Real per = 1 / way2;
+            const Real turn = (x1 * y2 - y1 * x2) * per;  // heading by p
+            const Real stretch = (x1 * x2 + y1 * y2) * per;
+            const Real turn2 = (x1 * y3 - y1 * x3) * per - 2 * turn * stretch;
             local.pose = {a * sp, b * s2p, std::atan2(y1, x1)};
             local.twist = {way * p1, turn * p1};
             local.rate = {way * (stretch * p1 * p1 + p2), turn2 * p1 * p1 + turn * p2};
@@ -102,7 +111,7 @@ ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
             const Real side = std::copysign(Real(1), path.length_m);
             const Real pace = two_pi / path.period_s;
             const Real laps = s / path.period_s;
-            const Real p = two_pi * (laps - std::floor(laps));
+            const Real p = two_pi * (laps - detail::whole(laps));
             local.pose = {radius * std::sin(p), side * radius * (1 - std::cos(p)), side * p};
             local.twist = {radius * pace * s1, side * pace * s1};
             local.rate = {radius * pace * s2, side * pace * s2};
@@ -112,11 +121,17 @@ ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
             const Real side = std::copysign(Real(1), path.length_m);
             const Real pace = two_pi / path.period_s;
             const Real laps = s / path.period_s;
-            local.pose = {0, 0, side * two_pi * (laps - std::floor(laps))};
+            local.pose = {0, 0, side * two_pi * (laps - detail::whole(laps))};
             local.twist = {0, side * pace * s1};
             local.rate = {0, side * pace * s2};
             break;
         }
+    }
+    if (path.origin.heading_rad == 0) {  // mostly
+        local.pose.x_m += path.origin.x_m;
+        local.pose.y_m += path.origin.y_m;
+        local.pose.heading_rad = wrap_angle_rad(local.pose.heading_rad);
+        return local;
     }
     const Real c = std::cos(path.origin.heading_rad);
     const Real n = std::sin(path.origin.heading_rad);

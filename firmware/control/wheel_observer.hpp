@@ -20,6 +20,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/model/types.hpp"
@@ -74,6 +75,8 @@ class WheelObserver {
     void configure(const WheelObserverSettings<Real>& settings) {
         settings_ = settings;
         gains_ = observer_gains(settings.bandwidth_rad_per_s, settings.encoder_period_s);
+        period_ns_ = std::max<std::int64_t>(
+            static_cast<std::int64_t>(std::lround(settings.encoder_period_s * Real(1e9))), 1);
         const Real cycles = settings.actuation_delay_s / settings.cycle_s;
         const Real whole = std::min(std::floor(cycles), Real(kTorqueMemory - 3));
         delay_cycles_ = static_cast<std::size_t>(std::max(whole, Real(0)));
@@ -266,24 +269,24 @@ class WheelObserver {
         wheel.error += gains_.error_per_s2 * innovation / (1 + calm * calm);
     }
 
+    // Integers throughout: cheap, and the same on every machine.
     void smooth_time(Wheel& wheel, std::int64_t time_ns, bool restart) {
-        constexpr Real early_share = Real(0.2);
-        constexpr Real late_share = Real(0.02);
-        const Real period_ns = settings_.encoder_period_s * Real(1e9);
+        constexpr std::int64_t early_divisor = 5;
+        constexpr std::int64_t late_divisor = 50;
         wheel.heard_ns = time_ns;
-        const Real since_ns = static_cast<Real>(time_ns - wheel.smoothed_ns);
-        const Real periods = std::round(since_ns / period_ns);
-        const Real off_ns = since_ns - periods * period_ns;
-        if (restart || periods < 1 || std::abs(off_ns) > Real(0.4) * period_ns) {
+        const std::int64_t since = time_ns - wheel.smoothed_ns;
+        const std::int64_t periods = (since + period_ns_ / 2) / period_ns_;
+        const std::int64_t off = since - periods * period_ns_;
+        if (restart || periods < 1 || std::abs(off) > period_ns_ * 2 / 5) {
             wheel.smoothed_ns = time_ns;
         } else {
-            const Real step_ns = periods * period_ns + off_ns * (off_ns < 0 ? early_share : late_share);
-            wheel.smoothed_ns += static_cast<std::int64_t>(step_ns);
+            wheel.smoothed_ns += periods * period_ns_ + off / (off < 0 ? early_divisor : late_divisor);
         }
     }
 
     WheelObserverSettings<Real> settings_;
     ObserverGains<Real> gains_;
+    std::int64_t period_ns_ = 1'000'000;
     std::size_t delay_cycles_ = 0;
     Real delay_fraction_{};
     std::array<Wheel, 2> wheels_;
