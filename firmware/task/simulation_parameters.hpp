@@ -16,8 +16,10 @@ struct SimulationParameters {
     double velocity_filter_rad_per_s{};
     double torque_lag_s{};
     double torque_noise_Nm{};
-    double bus_latency_s{};
-    double external_pose_period_s{};
+    double torque_ripple_Nm{};
+    double current_limit_A{};
+    double command_latency_s{};
+    double external_pose_rate_Hz{};
     double external_pose_noise_m{};
     double external_heading_noise_rad{};
     double external_pose_delay_s{};

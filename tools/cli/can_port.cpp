@@ -1,0 +1,82 @@
+#include "tools/cli/can_port.hpp"
+
+#include <algorithm>
+#include <cerrno>
+#include <csignal>
+#include <ctime>
+
+namespace wheelwright::tools {
+namespace {
+
+volatile std::sig_atomic_t g_interrupted = 0;
+
+void on_signal(int) { g_interrupted = 1; }
+
+std::int64_t clock_ns(clockid_t clock) {
+    timespec now{};
+    ::clock_gettime(clock, &now);
+    return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
+}
+
+constexpr std::int64_t kPoll_ns = 500'000;
+constexpr std::int64_t kSendPatience_ns = 50'000'000;
+
+}  // namespace
+
+std::unique_ptr<hal::CanBus> open_can(const std::string& interface, std::string& error) {
+    error = "cannot open " + interface + ": this build has no CAN yet";
+    return nullptr;
+}
+
+std::int64_t can_now_ns() { return clock_ns(CLOCK_MONOTONIC); }
+
+std::int64_t wall_clock_offset_ns() { return clock_ns(CLOCK_REALTIME) - clock_ns(CLOCK_MONOTONIC); }
+
+std::string send_frame(hal::CanBus& bus, const hal::CanFrame& frame) {
+    const std::int64_t patience_ns = can_now_ns() + kSendPatience_ns;
+    for (;;) {
+        switch (bus.send(frame)) {
+            case hal::CanStatus::ok:
+                return "";
+            case hal::CanStatus::would_block:
+                if (can_now_ns() > patience_ns) {
+                    return "the transmit queue stays full: nobody on the bus acknowledges";
+                }
+                sleep_until(can_now_ns() + kPoll_ns);
+                break;
+            case hal::CanStatus::invalid:
+                return "the interface does not take this frame";
+            case hal::CanStatus::bus_down:
+                return "the interface is down or gone";
+        }
+    }
+}
+
+bool receive_until(hal::CanBus& bus, hal::ReceivedFrame& out, std::int64_t deadline_ns) {
+    while (!interrupted()) {
+        if (bus.receive(out) == hal::CanStatus::ok) return true;
+        if (can_now_ns() >= deadline_ns) return false;
+        sleep_until(std::min(deadline_ns, can_now_ns() + kPoll_ns));
+    }
+    return false;
+}
+
+void catch_interrupt() {
+    struct sigaction action {};
+    action.sa_handler = on_signal;
+    ::sigaction(SIGINT, &action, nullptr);
+    ::sigaction(SIGTERM, &action, nullptr);
+}
+
+bool interrupted() { return g_interrupted != 0; }
+
+void sleep_until(std::int64_t deadline_ns) {
+    timespec until{};
+    until.tv_sec = deadline_ns / 1'000'000'000;
+    until.tv_nsec = deadline_ns % 1'000'000'000;
+    while (!interrupted() &&
+           ::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+    }
+}
+
+}  // namespace wheelwright::tools

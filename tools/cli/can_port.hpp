@@ -1,0 +1,32 @@
+// What the commands that talk to a bus share: opening it with useful errors, waiting for frames, Ctrl-C.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "hal/can_bus.hpp"
+
+namespace wheelwright::tools {
+
+// Opens a SocketCAN interface. On failure returns nothing, and `error` is one sentence saying what to do.
+std::unique_ptr<hal::CanBus> open_can(const std::string& interface, std::string& error);
+
+// The clock of the received frames' timestamps, and what to add to them for wall-clock time.
+std::int64_t can_now_ns();
+std::int64_t wall_clock_offset_ns();
+
+// Sends, waiting up to 50 ms for room in the queue. Returns "" or one sentence.
+std::string send_frame(hal::CanBus& bus, const hal::CanFrame& frame);
+
+// Waits for the next frame until `deadline_ns` on can_now_ns(). False: none came, or Ctrl-C.
+bool receive_until(hal::CanBus& bus, hal::ReceivedFrame& out, std::int64_t deadline_ns);
+
+// From the first call of catch_interrupt() on, Ctrl-C and SIGTERM end waiting instead of the program.
+void catch_interrupt();
+bool interrupted();
+
+// Sleeps until `deadline_ns` or Ctrl-C.
+void sleep_until(std::int64_t deadline_ns);
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,35 @@
+// The frame of the program `wheelwright`: each subcommand lives in a file of its own and adds itself to the
+// command line through one function, listed in main.cpp.
+//
+// To add a subcommand: write `void add_<name>(CLI::App& program, Run& run)`, declare it below, add its line
+// to kCommands in main.cpp and its files to tools/CMakeLists.txt. The function adds a subcommand with its
+// options and a callback that sets `run` to what shall happen; it must not do anything else yet. CLI11 is
+// slow to compile: include it in that one file only.
+#pragma once
+
+#include <functional>
+
+namespace CLI {
+class App;
+}
+
+namespace wheelwright::tools {
+
+// Exit status, the same for every subcommand.
+enum ExitStatus : int {
+    kDone = 0,
+    kUsage = 1,         // usage or configuration, bad robot files included
+    kBadInput = 2,      // a log or another input that cannot be used
+    kAimMissed = 3,     // ran, but did not reach its aim
+    kMachineLacks = 4,  // no CAN, no permission, no room
+};
+
+// What the chosen subcommand does once the command line is understood; returns the exit status.
+using Run = std::function<int()>;
+
+void add_check(CLI::App& program, Run& run);
+void add_ctl(CLI::App& program, Run& run);
+void add_monitor(CLI::App& program, Run& run);
+void add_record(CLI::App& program, Run& run);
+
+}  // namespace wheelwright::tools

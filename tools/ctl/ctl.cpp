@@ -1,0 +1,606 @@
+// `wheelwright ctl`: commands a robot by CAN, or prints the frames for cansend.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "tools/cli/can_port.hpp"
+#include "tools/cli/command.hpp"
+#include "tools/cli/message_text.hpp"
+#include "tools/cli/parameter_names.hpp"
+#include "tools/ctl/frames.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+// Alive counters of separate calls come from the clock, one step in so many nanoseconds; a round of 15 is
+// longer than the 500 ms over which the firmware remembers the last one.
+constexpr std::int64_t kAliveSlot_ns = 40'000'000;
+
+struct Options {
+    std::string interface = "can0";
+    bool print = false;
+    int alive = -1;  // -1: chosen
+    double rate_Hz = 0;
+    double for_s = 0;
+    bool enter = false;
+    bool no_wait = false;
+};
+
+int complain(int status, const std::string& text) {
+    std::fprintf(stderr, "wheelwright ctl: %s\n", text.c_str());
+    return status;
+}
+
+template <typename Enum, std::size_t size>
+std::optional<Enum> by_name(const std::array<Enum, size>& values, const std::string& name) {
+    for (const Enum value : values) {
+        if (to_string_view(value) == name) return value;
+    }
+    return std::nullopt;
+}
+
+template <typename Enum, std::size_t size>
+std::string names_of(const std::array<Enum, size>& values, std::size_t first = 0, std::size_t last = size) {
+    std::string text;
+    for (std::size_t i = first; i < last; ++i) {
+        if (!text.empty()) text += ", ";
+        text += to_string_view(values[i]);
+    }
+    return text;
+}
+
+// Talks to one firmware: sends with fresh counters, listens to what it says.
+class Link {
+  public:
+    explicit Link(const Options& options) : options_(options) {}
+
+    bool open() {
+        std::string error;
+        bus_ = open_can(options_.interface, error);
+        if (bus_ == nullptr) complain(kMachineLacks, error);
+        first_alive_ = static_cast<std::uint8_t>(
+            options_.alive >= 0 ? options_.alive
+                                : (can_now_ns() / kAliveSlot_ns) % std::int64_t{protocol::alive_count});
+        return bus_ != nullptr;
+    }
+
+    // Of another call of this program within the same slot the firmware would refuse the counter.
+    static void leave_slot() { sleep_until((can_now_ns() / kAliveSlot_ns + 1) * kAliveSlot_ns); }
+
+    int send(const Command& command) {
+        hal::CanFrame frame;
+        if (const std::string wrong = command.make(next_alive(command.name), frame); !wrong.empty()) {
+            return complain(kUsage, wrong);
+        }
+        if (const std::string failed = send_frame(*bus_, frame); !failed.empty()) {
+            return complain(kMachineLacks, options_.interface + ": " + failed);
+        }
+        return kDone;
+    }
+
+    // Waits for the next message of this kind; nothing when none comes in time.
+    template <typename Message>
+    std::optional<Message> wait_for(std::int64_t deadline_ns) {
+        hal::ReceivedFrame received;
+        while (receive_until(*bus_, received, deadline_ns)) {
+            const hal::CanFrame& frame = received.frame;
+            if (frame.extended || frame.error || frame.remote || frame.id != Message::id) continue;
+            Message message;
+            if (Message::decode(std::span(frame.data.data(), frame.length), message) ==
+                protocol::CodecStatus::ok) {
+                return message;
+            }
+        }
+        return std::nullopt;
+    }
+
+    // What came before the command says nothing about its effect.
+    void forget_received() {
+        hal::ReceivedFrame received;
+        for (int i = 0; i < 100'000 && bus_->receive(received) == hal::CanStatus::ok; ++i) {
+        }
+    }
+
+  private:
+    std::uint8_t next_alive(const std::string& name) {
+        for (auto& [known, alive] : alive_) {
+            if (known == name) return alive = protocol::next_alive(alive);
+        }
+        alive_.emplace_back(name, first_alive_);
+        return first_alive_;
+    }
+
+    const Options& options_;
+    std::unique_ptr<hal::CanBus> bus_;
+    std::uint8_t first_alive_ = 0;
+    std::vector<std::pair<std::string, std::uint8_t>> alive_;
+};
+
+int print_frames(const Options& options, const std::vector<Command>& commands) {
+    for (const Command& command : commands) {
+        hal::CanFrame frame;
+        const auto alive = static_cast<std::uint8_t>(std::max(options.alive, 0));
+        if (const std::string wrong = command.make(alive, frame); !wrong.empty()) {
+            return complain(kUsage, wrong);
+        }
+        std::printf("cansend %s %s\n", options.interface.c_str(), frame_text(frame).c_str());
+    }
+    return kDone;
+}
+
+std::string status_text(const protocol::Status& status) {
+    std::string text = "state " + std::string(to_string_view(status.state));
+    if (status.fault != protocol::Fault::none) text += ", fault " + std::string(to_string_view(status.fault));
+    if (status.blocker != protocol::Blocker::none) {
+        text += ", blocked by " + std::string(to_string_view(status.blocker));
+    }
+    return text;
+}
+
+// Waits until the state is `wanted`. Arming the drives takes a while; a refusal is final.
+int await_state(Link& link, protocol::Mode wanted) {
+    std::int64_t deadline_ns = can_now_ns() + kSecond_ns;
+    const std::int64_t last_ns = can_now_ns() + 4 * kSecond_ns;
+    const std::int64_t settled_ns = can_now_ns() + kSecond_ns / 4;
+    std::optional<protocol::Status> last;
+    while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
+        last = status;
+        if (status->state == wanted) {
+            std::printf("%s\n", status_text(*status).c_str());
+            return kDone;
+        }
+        const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
+                            status->blocker == protocol::Blocker::none;
+        if (can_now_ns() > settled_ns && !arming) break;
+        if (can_now_ns() > last_ns) break;
+        deadline_ns = std::min(can_now_ns() + kSecond_ns, last_ns);
+    }
+    if (interrupted()) return kAimMissed;
+    if (!last.has_value()) {
+        return complain(kAimMissed, "sent, but no Status frame came back: is the firmware running there?");
+    }
+    return complain(kAimMissed, "sent, but the state is not " + std::string(to_string_view(wanted)) + ": " +
+                                    status_text(*last));
+}
+
+Command mode_command(protocol::Mode mode) {
+    protocol::ModeCommand message;
+    message.mode = mode;
+    return command_of(message);
+}
+
+int send_mode(const Options& options, protocol::Mode mode) {
+    const Command command = mode_command(mode);
+    if (options.print) return print_frames(options, {command});
+    catch_interrupt();
+    Link link(options);
+    if (!link.open()) return kMachineLacks;
+    link.forget_received();
+    if (const int status = link.send(command); status != kDone) return status;
+    const int result = options.no_wait ? static_cast<int>(kDone) : await_state(link, mode);
+    Link::leave_slot();
+    return result;
+}
+
+// Sends a command once, or a set-point again and again; with --enter in its mode, and idle at the end.
+int send_commands(const Options& options, const std::vector<Command>& commands,
+                  std::optional<protocol::Mode> mode, bool repeat_by_default) {
+    if (options.print) {
+        std::vector<Command> all = commands;
+        if (options.enter && mode.has_value()) all.push_back(mode_command(*mode));
+        return print_frames(options, all);
+    }
+    const bool repeat = repeat_by_default || options.for_s > 0;
+    double period_s = commands.front().period_s;
+    if (options.rate_Hz > 0) period_s = 1 / options.rate_Hz;
+    if (repeat && period_s <= 0) period_s = 0.1;
+
+    catch_interrupt();
+    Link link(options);
+    if (!link.open()) return kMachineLacks;
+    const std::int64_t begin_ns = can_now_ns();
+    const std::int64_t end_ns =
+        options.for_s > 0 ? begin_ns + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
+    std::int64_t due_ns = begin_ns;
+    bool entered = !options.enter || !mode.has_value();
+    do {
+        for (const Command& command : commands) {
+            if (const int status = link.send(command); status != kDone) return status;
+        }
+        if (!entered) {
+            if (const int status = link.send(mode_command(*mode)); status != kDone) return status;
+            entered = true;
+        }
+        if (!repeat) break;
+        due_ns += static_cast<std::int64_t>(period_s * 1e9);
+        sleep_until(std::min(due_ns, end_ns));
+    } while (!interrupted() && can_now_ns() < end_ns);
+    if (repeat && options.enter && mode.has_value()) return link.send(mode_command(protocol::Mode::idle));
+    Link::leave_slot();
+    return kDone;
+}
+
+Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value) {
+    protocol::ParameterRequest message;
+    message.operation = operation;
+    message.index = index;
+    message.value = value;
+    return command_of(message);
+}
+
+std::string result_text(protocol::ParameterResult result) {
+    using protocol::ParameterResult;
+    std::string text(to_string_view(result));
+    if (result == ParameterResult::read_only) text += ": only the robot file sets it, at the start";
+    if (result == ParameterResult::not_now) text += ": it may change in the idle mode only";
+    if (result == ParameterResult::nothing_staged) text += ": write parameters first";
+    return text;
+}
+
+// Sends a request until its reply comes, three times at most.
+std::optional<protocol::ParameterReply> ask(Link& link, protocol::ParameterOperation operation,
+                                            std::uint16_t index, float value, int& status) {
+    for (int attempt = 0; attempt < 3; ++attempt) {
+        status = link.send(parameter_request(operation, index, value));
+        if (status != kDone) return std::nullopt;
+        const std::int64_t deadline_ns = can_now_ns() + kSecond_ns / 4;
+        while (const auto reply = link.wait_for<protocol::ParameterReply>(deadline_ns)) {
+            const bool about_this = operation == protocol::ParameterOperation::read ||
+                                            operation == protocol::ParameterOperation::write
+                                        ? reply->index == index
+                                        : true;
+            if (reply->operation == operation && about_this) return reply;
+        }
+        if (interrupted()) break;
+    }
+    status = complain(kAimMissed, "no reply came back: is the firmware running there?");
+    return std::nullopt;
+}
+
+int run_parameter(const Options& options, protocol::ParameterOperation operation,
+                  const std::optional<NamedParameter>& parameter, float value, bool commit) {
+    using protocol::ParameterOperation;
+    const std::uint16_t index = parameter.has_value() ? parameter->index : std::uint16_t{0};
+    if (options.print) {
+        std::vector<Command> commands{parameter_request(operation, index, value)};
+        if (commit) {
+            // A counter accepted once is refused for half a second, so the second frame has the next one.
+            Command second = parameter_request(ParameterOperation::commit, 0, 0);
+            const MakeFrame make = second.make;
+            second.make = [make](std::uint8_t alive, hal::CanFrame& out) {
+                return make(protocol::next_alive(alive), out);
+            };
+            commands.push_back(second);
+        }
+        return print_frames(options, commands);
+    }
+    catch_interrupt();
+    Link link(options);
+    if (!link.open()) return kMachineLacks;
+    int status = kDone;
+    const auto run_one = [&](ParameterOperation what) {
+        link.forget_received();
+        const auto reply = ask(link, what, index, value, status);
+        if (!reply.has_value()) return;
+        const std::string name = parameter.has_value() && what != ParameterOperation::commit
+                                     ? parameter->key
+                                     : std::string(to_string_view(what));
+        auto result = reply->result;
+        if (result == protocol::ParameterResult::save_started) {
+            const auto later = link.wait_for<protocol::ParameterReply>(can_now_ns() + 10 * kSecond_ns);
+            if (!later.has_value()) {
+                status = complain(kAimMissed, "save: begun, but its end was not reported");
+                return;
+            }
+            result = later->result;
+        }
+        if (result != protocol::ParameterResult::ok) {
+            status = complain(kAimMissed, name + ": " + result_text(result));
+        } else if (parameter.has_value() && what != ParameterOperation::commit) {
+            std::printf("%s = %s%s%s\n", name.c_str(), parameter_value_text(*parameter, reply->value).c_str(),
+                        parameter->unit.empty() ? "" : " ", parameter->unit.c_str());
+        } else {
+            std::printf("%s: ok\n", name.c_str());
+        }
+    };
+    run_one(operation);
+    if (status == kDone && commit) run_one(ParameterOperation::commit);
+    Link::leave_slot();
+    return status;
+}
+
+int list_parameters() {
+    for (const NamedParameter& parameter : all_parameters()) {
+        std::printf("0x%04X  %-44s %-12s %-6s %s\n", unsigned{parameter.index}, parameter.key.c_str(),
+                    parameter.unit.c_str(), std::string(change_text(parameter.when)).c_str(),
+                    parameter.meaning.c_str());
+    }
+    return kDone;
+}
+
+// The float to send: the nearest one, or the next inside the range when rounding has left it.
+float float_within(double value, double minimum, double maximum) {
+    auto single = static_cast<float>(value);
+    if (static_cast<double>(single) > maximum) single = std::nextafter(single, -HUGE_VALF);
+    if (static_cast<double>(single) < minimum) single = std::nextafter(single, HUGE_VALF);
+    return single;
+}
+
+using Shared = std::shared_ptr<Options>;
+
+CLI::App* subcommand(CLI::App* parent, const char* name, const char* text) {
+    CLI::App* command = parent->add_subcommand(name, text);
+    command->fallthrough();  // --can and the others may stand behind the subcommand too
+    command->footer(
+        "The options of `wheelwright ctl --help` (--can, --print, --for ...) may stand behind it.");
+    return command;
+}
+
+void add_mode(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto name = std::make_shared<std::string>();
+    CLI::App* command = subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it");
+    command->add_option("MODE", *name, "One of " + names_of(protocol::mode_values, 1, 8))->required();
+    command->footer("Exit status 3: refused, and why; or nobody answered.");
+    command->callback([=, &run] {
+        run = [=] {
+            const auto mode = by_name(protocol::mode_values, *name);
+            if (!mode.has_value() || *mode == protocol::Mode::boot || *mode == protocol::Mode::fault) {
+                return complain(
+                    kUsage, "mode " + *name + ": expected one of " + names_of(protocol::mode_values, 1, 8));
+            }
+            return send_mode(*options, *mode);
+        };
+    });
+}
+
+void add_torque(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto message = std::make_shared<protocol::TorqueCommand>();
+    CLI::App* command = subcommand(ctl, "torque", "Wheel torques for mode torque, repeated");
+    command->add_option("LEFT", message->left_torque_Nm, "Left wheel, Nm, positive drives forward")
+        ->required();
+    command->add_option("RIGHT", message->right_torque_Nm, "Right wheel, Nm")->required();
+    command->callback([=, &run] {
+        run = [=] { return send_commands(*options, {command_of(*message)}, protocol::Mode::torque, true); };
+    });
+}
+
+void add_velocity(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto message = std::make_shared<protocol::VelocityCommand>();
+    CLI::App* command = subcommand(ctl, "velocity", "Body velocity for mode velocity, repeated");
+    command->add_option("V", message->forward_speed_m_per_s, "Forward speed, m/s")->required();
+    command->add_option("W", message->yaw_rate_rad_per_s, "Yaw rate, rad/s, positive counter-clockwise")
+        ->required();
+    command->callback([=, &run] {
+        run = [=] { return send_commands(*options, {command_of(*message)}, protocol::Mode::velocity, true); };
+    });
+}
+
+void add_goal(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto message = std::make_shared<protocol::PoseGoal>();
+    const auto direction = std::make_shared<std::string>("forward");
+    CLI::App* command = subcommand(ctl, "goal", "Pose to drive to in mode pose, repeated");
+    command->add_option("X", message->x_m, "m")->required();
+    command->add_option("Y", message->y_m, "m")->required();
+    command->add_option("HEADING", message->heading_rad, "rad, within -pi..pi")->required();
+    command
+        ->add_option("--direction", *direction,
+                     "Which end leads: " + names_of(protocol::pose_direction_values))
+        ->capture_default_str();
+    command->callback([=, &run] {
+        run = [=] {
+            const auto chosen = by_name(protocol::pose_direction_values, *direction);
+            if (!chosen.has_value()) {
+                return complain(kUsage, "direction " + *direction + ": expected one of " +
+                                            names_of(protocol::pose_direction_values));
+            }
+            message->direction = *chosen;
+            return send_commands(*options, {command_of(*message)}, protocol::Mode::pose, true);
+        };
+    });
+}
+
+void add_trajectory(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto message = std::make_shared<protocol::TrajectoryCommand>();
+    const auto shape = std::make_shared<std::string>();
+    // The standard path of each shape is the robot file's figure-8.
+    const model::RobotParameters standard = model::default_parameters();
+    message->length_m = standard.trajectory.length_m;
+    message->width_m = standard.trajectory.width_m;
+    message->period_s = standard.trajectory.period_s;
+    CLI::App* command = subcommand(ctl, "trajectory", "Choose the path of modes trajectory and adaptive");
+    command->add_option("SHAPE", *shape, "One of " + names_of(protocol::trajectory_shape_values))->required();
+    command->add_option("--length", message->length_m, "Extent along x, or diameter of the circle, m")
+        ->capture_default_str();
+    command->add_option("--width", message->width_m, "Extent along y, m (figure_eight only)")
+        ->capture_default_str();
+    command->add_option("--period", message->period_s, "Time of one lap, s")->capture_default_str();
+    command->callback([=, &run] {
+        run = [=] {
+            const auto chosen = by_name(protocol::trajectory_shape_values, *shape);
+            if (!chosen.has_value()) {
+                return complain(kUsage, "shape " + *shape + ": expected one of " +
+                                            names_of(protocol::trajectory_shape_values));
+            }
+            message->shape = *chosen;
+            return send_commands(*options, {command_of(*message)}, protocol::Mode::trajectory, false);
+        };
+    });
+}
+
+void add_stream(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto pose = std::make_shared<protocol::StreamedPose>();
+    const auto velocity = std::make_shared<protocol::StreamedVelocity>();
+    CLI::App* command =
+        subcommand(ctl, "reference", "One streamed reference (pose and velocities), repeated");
+    command->add_option("X", pose->x_m, "m")->required();
+    command->add_option("Y", pose->y_m, "m")->required();
+    command->add_option("HEADING", pose->heading_rad, "rad, within -pi..pi")->required();
+    command->add_option("V", velocity->forward_speed_m_per_s, "m/s")->required();
+    command->add_option("W", velocity->yaw_rate_rad_per_s, "rad/s")->required();
+    command->callback([=, &run] {
+        run = [=] {
+            return send_commands(*options, {command_of(*pose), command_of(*velocity)},
+                                 protocol::Mode::trajectory, true);
+        };
+    });
+}
+
+void add_pose(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto message = std::make_shared<protocol::ExternalPose>();
+    CLI::App* command = subcommand(ctl, "pose", "Tell the robot where it is (external pose)");
+    command->add_option("X", message->x_m, "m")->required();
+    command->add_option("Y", message->y_m, "m")->required();
+    command->add_option("HEADING", message->heading_rad, "rad, within -pi..pi")->required();
+    command->callback([=, &run] {
+        run = [=] { return send_commands(*options, {command_of(*message)}, std::nullopt, false); };
+    });
+}
+
+void add_ident(CLI::App* ctl, const Shared& options, Run& run) {
+    const auto message = std::make_shared<protocol::IdentSettings>();
+    const auto bit_time_ms = std::make_shared<int>(0);
+    const auto duration_s = std::make_shared<int>(0);
+    CLI::App* command = subcommand(ctl, "ident", "Settings of the next identification");
+    command->footer("A setting left out is the robot file's. Sent in idle; `ctl mode ident` starts it.");
+    command->add_option("--amplitude", message->amplitude_Nm, "Excitation torque, Nm");
+    command->add_option("--bit-time", *bit_time_ms, "Length of one bit, ms")->check(CLI::Range(0, 255));
+    command->add_option("--duration", *duration_s, "Longest time, s")->check(CLI::Range(0, 255));
+    command->add_option("--speed-limit", message->speed_limit_m_per_s, "m/s");
+    command->add_option("--yaw-rate-limit", message->yaw_rate_limit_rad_per_s, "rad/s");
+    command->add_option("--distance-limit", message->distance_limit_m, "From the start, m");
+    command->callback([=, &run] {
+        run = [=] {
+            message->bit_time_ms = static_cast<decltype(message->bit_time_ms)>(*bit_time_ms);
+            message->duration_s = static_cast<decltype(message->duration_s)>(*duration_s);
+            return send_commands(*options, {command_of(*message)}, protocol::Mode::ident, false);
+        };
+    });
+}
+
+void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
+    CLI::App* stop = subcommand(ctl, "stop", "Emergency stop: no torque within two cycles");
+    stop->callback([=, &run] {
+        run = [=] {
+            const std::vector<Command> commands{command_of(protocol::EmergencyStop{})};
+            if (options->print) return print_frames(*options, commands);
+            catch_interrupt();
+            Link link(*options);
+            if (!link.open()) return static_cast<int>(kMachineLacks);
+            if (const int status = link.send(commands.front()); status != kDone) return status;
+            return options->no_wait ? static_cast<int>(kDone) : await_state(link, protocol::Mode::fault);
+        };
+    });
+    CLI::App* clear = subcommand(ctl, "clear", "Clear a latched fault, whose cause must be gone");
+    clear->callback([=, &run] {
+        run = [=] {
+            const std::vector<Command> commands{command_of(protocol::ClearFault{})};
+            if (options->print) return print_frames(*options, commands);
+            catch_interrupt();
+            Link link(*options);
+            if (!link.open()) return static_cast<int>(kMachineLacks);
+            link.forget_received();
+            if (const int status = link.send(commands.front()); status != kDone) return status;
+            const int result =
+                options->no_wait ? static_cast<int>(kDone) : await_state(link, protocol::Mode::idle);
+            Link::leave_slot();
+            return result;
+        };
+    });
+}
+
+void add_param(CLI::App* ctl, const Shared& options, Run& run) {
+    using protocol::ParameterOperation;
+    CLI::App* param = subcommand(ctl, "param", "Read and write the firmware's parameters");
+    param->require_subcommand(1);
+    const auto key = std::make_shared<std::string>();
+    const auto value = std::make_shared<std::string>();
+    const auto commit = std::make_shared<bool>(false);
+    const auto find = [key]() {
+        std::optional<NamedParameter> found = find_named_parameter(std::string_view(*key));
+        if (!found.has_value()) {
+            complain(kUsage, "no parameter " + *key + "; `wheelwright ctl param list` names them all");
+        }
+        return found;
+    };
+    CLI::App* get = subcommand(param, "get", "Print a parameter's value");
+    get->add_option("KEY", *key, "Key of the robot file, or index (0x0082)")->required();
+    get->callback([=, &run] {
+        run = [=] {
+            const auto parameter = find();
+            if (!parameter.has_value()) return static_cast<int>(kUsage);
+            return run_parameter(*options, ParameterOperation::read, parameter, 0, false);
+        };
+    });
+    CLI::App* set = subcommand(param, "set", "Stage a new value; it counts from commit on");
+    set->add_option("KEY", *key, "Key of the robot file, or index (0x0082)")->required();
+    set->add_option("VALUE", *value, "Number, true or false, or a choice's name")->required();
+    set->add_flag("--commit", *commit, "Commit at once");
+    set->callback([=, &run] {
+        run = [=] {
+            const auto parameter = find();
+            if (!parameter.has_value()) return static_cast<int>(kUsage);
+            std::string expected;
+            const auto number = parse_parameter_value(*parameter, *value, expected);
+            if (!number.has_value()) {
+                return complain(kUsage, parameter->key + ": found " + *value + ", expected " + expected);
+            }
+            if (parameter->when == model::ChangeWhen::start) {
+                return complain(kUsage, parameter->key + ": only the robot file sets it, at the start");
+            }
+            return run_parameter(*options, ParameterOperation::write, parameter,
+                                 float_within(*number, parameter->minimum, parameter->maximum), *commit);
+        };
+    });
+    const auto simple = [&](const char* name, const char* text, ParameterOperation operation) {
+        CLI::App* command = subcommand(param, name, text);
+        command->callback(
+            [=, &run] { run = [=] { return run_parameter(*options, operation, std::nullopt, 0, false); }; });
+    };
+    simple("commit", "Make all staged values valid in one cycle", ParameterOperation::commit);
+    simple("discard", "Forget the staged values", ParameterOperation::discard);
+    simple("save", "Write the valid values into the robot file", ParameterOperation::save);
+    CLI::App* list = subcommand(param, "list", "List all parameters: index, key, unit, when it may change");
+    list->callback([&run] { run = [] { return list_parameters(); }; });
+}
+
+}  // namespace
+
+void add_ctl(CLI::App& program, Run& run) {
+    const auto options = std::make_shared<Options>();
+    CLI::App* ctl = program.add_subcommand("ctl", "Command a robot by CAN, or print the frames");
+    ctl->require_subcommand(1);
+    ctl->footer(
+        "Set-points (torque, velocity, goal, reference) are repeated until --for is over or Ctrl-C, as the\n"
+        "robot stops when they cease; with --enter the matching mode is asked for first, and idle at the\n"
+        "end. Write negative numbers as -0.5, not -.5.\n"
+        "Exit status 3: sent, but the robot did not do it, and why.");
+    ctl->add_option("--can", options->interface, "CAN interface")->capture_default_str();
+    ctl->add_flag("--print", options->print, "Print the cansend lines instead of sending");
+    ctl->add_option("--alive", options->alive,
+                    "Alive counter of the first frame (default: 0 printed, else chosen)")
+        ->check(CLI::Range(0, 14));
+    ctl->add_option("--rate", options->rate_Hz, "Repetitions a second (default: the message's cycle time)")
+        ->check(CLI::Range(0.1, 1000.0));
+    ctl->add_option("--for", options->for_s, "Seconds to repeat")->check(CLI::PositiveNumber);
+    ctl->add_flag("--enter", options->enter, "Ask for the command's mode too, and for idle at the end");
+    ctl->add_flag("--no-wait", options->no_wait,
+                  "Do not wait for the robot's answer to mode, stop and clear");
+    add_mode(ctl, options, run);
+    add_torque(ctl, options, run);
+    add_velocity(ctl, options, run);
+    add_goal(ctl, options, run);
+    add_trajectory(ctl, options, run);
+    add_stream(ctl, options, run);
+    add_pose(ctl, options, run);
+    add_ident(ctl, options, run);
+    add_param(ctl, options, run);
+    add_stop(ctl, options, run);
+}
+
+}  // namespace wheelwright::tools
