@@ -198,25 +198,62 @@ void Plant::solve_dry(double dt_s, WheelPair<double>& speed) {
     }
 }
 
-void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
+WheelPair<double> Plant::dry_torque_Nm() const {
     WheelPair<double> dry{};
     for (std::size_t j = 0; j < dry_count_; ++j) {
         dry.left -= dry_[j].lambda_Nm * dry_[j].direction.left;
         dry.right -= dry_[j].lambda_Nm * dry_[j].direction.right;
     }
+    return dry;
+}
+
+// When within the step, as a part of it, a sliding first comes to zero; 1 when none does. The sliding is
+// linear in time while friction keeps its size, to the accuracy of the step.
+double Plant::cut_at(double dt_s, const WheelPair<double>& without_dry,
+                     const WheelPair<double>& speed) const {
+    WheelPair<double> kept = without_dry;  // the end of the step, had friction kept its direction
+    bool ended = false;
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        const DryEffect& dry = dry_[j];
+        const double before = model::sliding_speed(dry.direction, speed_);
+        const double after = model::sliding_speed(dry.direction, speed);
+        const double direction = before > 0 ? 1 : before < 0 ? -1 : 0;
+        ended = ended || (direction != 0 && after * direction <= 0);
+        const double lambda = direction != 0 ? direction * dry.limit_Nm : dry.lambda_Nm;
+        kept.left -= dt_s * lambda * dry.response.left;
+        kept.right -= dt_s * lambda * dry.response.right;
+    }
+    if (!ended) return 1;
+    double cut = 1;
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        const double before = model::sliding_speed(dry_[j].direction, speed_);
+        const double after = model::sliding_speed(dry_[j].direction, kept);
+        if (before * after < 0) cut = std::min(cut, before / (before - after));
+    }
+    return cut;
+}
+
+void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
+    constexpr int kMostCuts = 4;
+    double rest_s = dt_s;
+    for (int cuts = 0; rest_s > 0; ++cuts) rest_s -= step(rest_s, torque_Nm, cuts < kMostCuts);
+}
+
+// Returns the time taken: all of dt_s, or less when the step was cut.
+double Plant::step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut) {
+    constexpr double kShortest_s = 1e-9;
     WheelPair<double> smooth;
-    const WheelPair<double> first =
-        acceleration(speed_, {torque_Nm.left + dry.left, torque_Nm.right + dry.right}, smooth);
-    const WheelPair<double> middle{speed_.left + dt_s / 2 * first.left,
-                                   speed_.right + dt_s / 2 * first.right};
+    const WheelPair<double> first = acceleration(speed_, torque_Nm, smooth);
+    WheelPair<double> middle{speed_.left + dt_s / 2 * first.left, speed_.right + dt_s / 2 * first.right};
+    if (dry_count_ > 0) solve_dry(dt_s / 2, middle);
     const WheelPair<double> second = acceleration(middle, torque_Nm, smooth);
     WheelPair<double> speed{speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
     if (dry_count_ > 0) {
+        const WheelPair<double> without_dry = speed;
         solve_dry(dt_s, speed);
-        dry = {};
-        for (std::size_t j = 0; j < dry_count_; ++j) {
-            dry.left -= dry_[j].lambda_Nm * dry_[j].direction.left;
-            dry.right -= dry_[j].lambda_Nm * dry_[j].direction.right;
+        if (may_cut) {
+            const double cut_s = dt_s * cut_at(dt_s, without_dry, speed);
+            if (cut_s > kShortest_s && cut_s < dt_s - kShortest_s) return step(cut_s, torque_Nm, false);
         }
     }
     const double turned_left = dt_s / 2 * (speed_.left + speed.left);
@@ -227,7 +264,8 @@ void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
     advance_pose(moved.v_m_per_s, moved.omega_rad_per_s);
     speed_ = speed;
     twist_ = twist_of(speed);
-    torques_ = {torque_Nm, smooth, dry};
+    torques_ = {torque_Nm, smooth, dry_torque_Nm()};
+    return dt_s;
 }
 
 // As model::advance_along_arc, with the heading's sine and cosine carried along instead of computed.

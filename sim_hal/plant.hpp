@@ -8,9 +8,10 @@
 // gravity is off the middle line or the wheels differ. For equal wheels this is eq (42), (43) with
 // K7 = 1 / (M11 r), K8 = b / (2 r M22), K5 = c / M11, K6 = d / M22.
 //
-// One step is a midpoint step of everything smooth, followed by the dry torques as a complementarity problem
-// (each is at its limit against the sliding, or inside its limits and nothing slides; Moreau's time
-// stepping), solved by projected Gauss-Seidel from the last step's solution. A wheel that sticks has speed
+// One step is a midpoint step of everything smooth, each half followed by the dry torques as a
+// complementarity problem (each is at its limit against the sliding, or inside its limits and nothing slides;
+// Moreau's time stepping), solved by projected Gauss-Seidel from the last solution. A step in which sliding
+// ends or reverses is cut there, so the result hardly depends on the step. A wheel that sticks has speed
 // zero, exactly. Plain arithmetic only: the same bits on every machine.
 #pragma once
 
@@ -105,7 +106,10 @@ class Plant {
 
     WheelPair<double> acceleration(const WheelPair<double>& speed, const WheelPair<double>& torque_Nm,
                                    WheelPair<double>& smooth_Nm) const;
+    double step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut);
     void solve_dry(double dt_s, WheelPair<double>& speed);
+    double cut_at(double dt_s, const WheelPair<double>& without_dry, const WheelPair<double>& speed) const;
+    WheelPair<double> dry_torque_Nm() const;
     void advance_pose(double distance_m, double turn_rad);
     Twist<double> twist_of(const WheelPair<double>& speed) const;
 

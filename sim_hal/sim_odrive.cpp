@@ -38,7 +38,9 @@ std::int64_t to_ns(double seconds) { return static_cast<std::int64_t>(seconds * 
 
 SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     : config_(config), random_(config.seed, config.stream) {
-    counts_per_rad_ = config.sign * config.gear_ratio * config.counts_per_turn / kTwoPi;
+    ideal_encoder_ = config.counts_per_turn <= 0;
+    if (ideal_encoder_) config_.counts_per_turn = 1;
+    counts_per_rad_ = config.sign * config.gear_ratio * config_.counts_per_turn / kTwoPi;
     noise_counts_ = config.encoder_noise_rad * std::abs(counts_per_rad_);
     period_ps_ = 1'000'000'000 + static_cast<std::int64_t>(config.clock_error_ppm * 1000);
     tick_ns_ = start_ns + config.phase_ns;
@@ -309,11 +311,11 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
             was_frozen_ = false;
         }
         position_estimate_ += kPeriod_s * velocity_estimate_;
-        const double error = count - floor_of(position_estimate_);
+        const double error = count - (ideal_encoder_ ? position_estimate_ : floor_of(position_estimate_));
         position_estimate_ += kp * error;
         velocity_estimate_ += ki * error;
         // Less than half the smallest change: standing still.
-        if (std::abs(velocity_estimate_) < 0.5 * ki) velocity_estimate_ = 0;
+        if (!ideal_encoder_ && std::abs(velocity_estimate_) < 0.5 * ki) velocity_estimate_ = 0;
     }
     last_counts_ = counts;
     last_speed_ = speed;

@@ -43,7 +43,7 @@ struct SimOdriveConfig {
     double ripples_per_motor_turn = 7;
     double command_latency_s = 0.0002;  // from a set-point's frame to its effect
     // Encoder, on the motor shaft.
-    double counts_per_turn = 8192;
+    double counts_per_turn = 8192;      // 0: an ideal encoder
     double encoder_noise_rad = 0.0002;  // standard deviation of each reading, at the wheel
     double filter_bandwidth_rad_per_s = 1000;
     // Cyclic messages; 0: off.
@@ -159,6 +159,7 @@ class SimOdrive {
 
     // Encoder, in counts on the motor shaft.
     double counts_per_rad_ = 0;  // of the wheel, signed
+    bool ideal_encoder_ = false;
     double noise_counts_ = 0;
     double last_counts_ = 0;    // true position at the last millisecond, not quantised
     double last_speed_ = 0;     // true speed then, counts per millisecond of the drive

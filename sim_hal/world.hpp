@@ -29,7 +29,7 @@ struct WorldOptions {
     std::uint64_t seed = 1;
     std::int64_t start_ns = 0;
     Pose<double> start_pose;
-    double encoder_counts_per_turn = 8192;  // on the motor shaft
+    double encoder_counts_per_turn = 8192;  // on the motor shaft; 0: an ideal encoder
     double encoder_noise_rad = 0.0002;      // at the wheel
     double filter_bandwidth_rad_per_s = 1000;
     double torque_lag_s = 0.0005;
