@@ -21,12 +21,28 @@ struct CanFrame {
     std::array<std::uint8_t, 64> data;  // bytes past `length` are indeterminate
 };
 
+// Whether a bus can send the frame: identifier within its format, a length that the format has, no error
+// frame; FD frames on an FD bus only. send() says `invalid` exactly when this is false.
+constexpr bool is_sendable(const CanFrame& frame, bool fd_bus) {
+    if (frame.error || frame.id > (frame.extended ? 0x1FFF'FFFFU : 0x7FFU)) {
+        return false;
+    }
+    if (!frame.fd) {
+        return frame.length <= 8 && !frame.bit_rate_switch;
+    }
+    const std::uint8_t n = frame.length;
+    const bool fd_length =
+        n <= 8 || n == 12 || n == 16 || n == 20 || n == 24 || n == 32 || n == 48 || n == 64;
+    return fd_bus && fd_length && !frame.remote;
+}
+
 struct ReceivedFrame {
     CanFrame frame;
     std::int64_t timestamp_ns = 0;  // when the frame was on the wire, in the time base of the bus's Clock
 };
 
-// Accepts a frame when (frame.id & mask) == (id & mask) and `extended` is equal.
+// Accepts a frame when (frame.id & mask) == (id & mask) and `extended` is equal. Remote frames are judged
+// like data frames, so who reads an identifier that others may request checks CanFrame::remote.
 struct CanFilter {
     std::uint32_t id = 0;
     std::uint32_t mask = 0;
@@ -37,7 +53,7 @@ enum class CanStatus : std::uint8_t {
     ok,
     would_block,  // send: the transmit queue is full; receive: nothing is waiting
     invalid,      // the frame cannot be sent on this bus (length, identifier, FD on a classic bus)
-    bus_down,     // the interface is down or gone, or the controller is bus-off
+    bus_down,     // the interface is down or gone, or the controller is bus-off; receive: and nothing waits
 };
 
 // Monotonic counters; none is ever reset.
@@ -45,7 +61,8 @@ struct CanStatistics {
     std::uint64_t frames_sent = 0;
     std::uint64_t frames_received = 0;   // error frames are not counted here
     std::uint64_t send_refused = 0;      // each send() that did not return ok
-    std::uint64_t receive_overflow = 0;  // frames lost because the receive queue was full
+    std::uint64_t receive_overflow = 0;  // lost because the receive queue was full: the newest; known at the
+                                         // latest when the next frame is received
     std::uint64_t error_frames = 0;
     std::uint64_t bus_off = 0;
 };
@@ -63,7 +80,8 @@ class CanBus {
     virtual CanStatus receive(ReceivedFrame& out) = 0;
 
     // Replaces the set of accepted frames; an empty set accepts nothing but error frames, and a new bus
-    // accepts everything. False: the implementation cannot hold that many, and the old set stays.
+    // accepts everything. Frames that wait already stay. Every implementation holds 32 filters. False: it
+    // cannot hold that many, and the old set stays.
     virtual bool set_filters(std::span<const CanFilter> filters) = 0;
 
     virtual CanStatistics statistics() const = 0;

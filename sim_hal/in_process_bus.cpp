@@ -11,7 +11,6 @@ namespace wheelwright::sim {
 namespace {
 
 constexpr std::uint32_t standard_id_limit = 0x800;
-constexpr std::uint32_t extended_id_limit = 0x2000'0000;
 constexpr int interframe_bits = 3;
 // Error flag (6, at most 12 when they overlap), delimiter (8).
 constexpr int error_frame_bits = 20;
@@ -27,31 +26,6 @@ inline void copy_used(const hal::CanFrame& from, hal::CanFrame& to) {
     if (from.length > 8) {
         std::memcpy(to.data.data() + 8, from.data.data() + 8, from.length - std::size_t{8});
     }
-}
-
-bool is_fd_length(std::uint8_t length) {
-    switch (length) {
-        case 12:
-        case 16:
-        case 20:
-        case 24:
-        case 32:
-        case 48:
-        case 64:
-            return true;
-        default:
-            return length <= 8;
-    }
-}
-
-bool is_valid(const hal::CanFrame& frame, bool fd_bus) {
-    if (frame.error || frame.id >= (frame.extended ? extended_id_limit : standard_id_limit)) {
-        return false;
-    }
-    if (frame.fd) {
-        return fd_bus && !frame.remote && is_fd_length(frame.length);
-    }
-    return frame.length <= 8 && !frame.bit_rate_switch;
 }
 
 // The bits that decide arbitration, in their order on the wire: base identifier, RTR or SRR, IDE, the 18 bits
@@ -93,7 +67,7 @@ hal::CanStatus InProcessBus::Endpoint::send(const hal::CanFrame& frame) {
     hal::CanStatus status = hal::CanStatus::ok;
     if (down_ || bus_off_) {
         status = hal::CanStatus::bus_down;
-    } else if (!is_valid(frame, bus_->fd_)) {
+    } else if (!hal::is_sendable(frame, bus_->fd_)) {
         status = hal::CanStatus::invalid;
     } else if (transmit_count_ == bus_->transmit_capacity_) {
         status = hal::CanStatus::would_block;

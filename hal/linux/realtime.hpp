@@ -1,0 +1,44 @@
+// What a thread needs from Linux to keep a deadline. Each function does one thing to the calling thread or
+// process, and says by name what was missing when the machine refuses. For start-up: they may allocate.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace wheelwright::hal {
+
+// What the machine refused. The parts are clauses; sentence() joins them.
+struct Refusal {
+    std::string what;       // "real-time scheduling at priority 80"
+    std::string privilege;  // "CAP_SYS_NICE or RLIMIT_RTPRIO >= 80"; empty when no privilege would help
+    std::string remedy;     // "run as root, or add `LimitRTPRIO=80` to the service"
+
+    std::string sentence() const;
+};
+
+// SCHED_FIFO, priority 1..99, for the calling thread and threads it starts.
+std::optional<Refusal> set_fifo_priority(int priority);
+
+// Keeps all memory of the process in RAM, what it takes later included.
+std::optional<Refusal> lock_memory();
+
+// Lets the calling thread run on this processor only.
+std::optional<Refusal> pin_to_cpu(int cpu);
+
+// Touches the next `bytes` of the calling thread's stack, so that no cycle meets a page for the first time.
+// Refused when the stack's limit leaves no room for it.
+std::optional<Refusal> prefault_stack(std::size_t bytes);
+
+struct RealtimeOptions {
+    int priority = 80;
+    std::optional<int> cpu;  // none: the scheduler decides
+    std::size_t stack_bytes = 256 * 1024;
+};
+
+// All of the above, everything tried; empty when all were granted. Also sets the timer slack to 1 ns, which
+// matters only to a thread that has to run without SCHED_FIFO.
+std::vector<Refusal> become_realtime(const RealtimeOptions& options);
+
+}  // namespace wheelwright::hal

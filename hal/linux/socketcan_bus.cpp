@@ -1,0 +1,298 @@
+#include "hal/linux/socketcan_bus.hpp"
+
+#include <linux/can.h>
+#include <linux/can/error.h>
+#include <linux/can/raw.h>
+#include <net/if.h>
+#include <net/if_arp.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <cstring>
+#include <ctime>
+#include <system_error>
+
+namespace wheelwright::hal {
+
+namespace {
+
+std::int64_t read_clock_ns(clockid_t clock) {
+    timespec now{};
+    clock_gettime(clock, &now);
+    return std::int64_t{now.tv_sec} * 1'000'000'000 + now.tv_nsec;
+}
+
+std::string reason(int error) { return std::generic_category().message(error); }
+
+Error socket_error(int error) {
+    switch (error) {
+        case EAFNOSUPPORT:
+            return {
+                "This kernel has no CAN; load it with `modprobe can`, or use a kernel that has CONFIG_CAN."};
+        case EPROTONOSUPPORT:
+            return {"This kernel has no raw CAN sockets; load them with `modprobe can_raw`."};
+        case EPERM:
+        case EACCES:
+            return {
+                "No permission to open a CAN socket; allow the address family AF_CAN (a container or a "
+                "service may forbid it), or run as root."};
+        default:
+            return {"Cannot open a CAN socket: " + reason(error) + "."};
+    }
+}
+
+// Closes the socket on every early return.
+class OpenSocket {
+  public:
+    explicit OpenSocket(int socket) : socket_(socket) {}
+    ~OpenSocket() {
+        if (socket_ >= 0) {
+            ::close(socket_);
+        }
+    }
+    OpenSocket(const OpenSocket&) = delete;
+    OpenSocket& operator=(const OpenSocket&) = delete;
+
+    int get() const { return socket_; }
+    int release() {
+        const int socket = socket_;
+        socket_ = -1;
+        return socket;
+    }
+
+  private:
+    int socket_;
+};
+
+template <typename T>
+bool set_option(int socket, int level, int name, const T& value) {
+    return setsockopt(socket, level, name, &value, sizeof value) == 0;
+}
+
+}  // namespace
+
+Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& interface,
+                                                         const SocketCanOptions& options) {
+    ifreq request{};
+    if (interface.empty() || interface.size() >= sizeof request.ifr_name) {
+        return Error{
+            "\"" + interface + "\" cannot be the name of a network interface; give one such as can0.",
+            Error::Kind::usage};
+    }
+    const auto ask = [&](int socket, unsigned long question) {
+        request = ifreq{};
+        std::copy(interface.begin(), interface.end(), std::begin(request.ifr_name));
+        return ioctl(socket, question, &request) == 0;
+    };
+
+    OpenSocket socket(::socket(PF_CAN, SOCK_RAW | SOCK_CLOEXEC | SOCK_NONBLOCK, CAN_RAW));
+    if (socket.get() < 0) {
+        return socket_error(errno);
+    }
+    if (!ask(socket.get(), SIOCGIFINDEX)) {
+        if (errno != ENODEV) {
+            return Error{"Cannot look up " + interface + ": " + reason(errno) + "."};
+        }
+        return Error{"There is no interface " + interface +
+                     "; `ip link` lists those there are, and `ip link add dev " + interface +
+                     " type vcan` makes a virtual one."};
+    }
+    const int index = request.ifr_ifindex;
+    if (ask(socket.get(), SIOCGIFHWADDR) && request.ifr_hwaddr.sa_family != ARPHRD_CAN) {
+        return Error{interface +
+                         " is not a CAN interface; `ip link show type can` and `ip link show type vcan` "
+                         "list those.",
+                     Error::Kind::usage};
+    }
+    if (ask(socket.get(), SIOCGIFFLAGS) && (request.ifr_flags & IFF_UP) == 0) {
+        return Error{"The interface " + interface + " is down; bring it up with `ip link set " + interface +
+                     " up type can bitrate 1000000` (a virtual one with `ip link set " + interface +
+                     " up`)."};
+    }
+    const bool fd_interface = ask(socket.get(), SIOCGIFMTU) && request.ifr_mtu >= int{CANFD_MTU};
+
+    // Not fatal: without them there are no error frames, no overflow count, or stamps taken by ourselves.
+    const can_err_mask_t all_errors = CAN_ERR_MASK;
+    set_option(socket.get(), SOL_CAN_RAW, CAN_RAW_ERR_FILTER, all_errors);
+    set_option(socket.get(), SOL_SOCKET, SO_RXQ_OVFL, int{1});
+    set_option(socket.get(), SOL_SOCKET, SO_TIMESTAMPNS, int{1});
+    if (!set_option(socket.get(), SOL_SOCKET, SO_RCVBUFFORCE, options.receive_buffer_bytes)) {
+        set_option(socket.get(), SOL_SOCKET, SO_RCVBUF, options.receive_buffer_bytes);
+    }
+    const bool fd_frames = fd_interface && set_option(socket.get(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, int{1});
+
+    sockaddr_can address{};
+    address.can_family = AF_CAN;
+    address.can_ifindex = index;
+    // The sockets interface wants this cast.
+    if (bind(socket.get(), reinterpret_cast<const sockaddr*>(&address), sizeof address) != 0) {
+        return Error{"Cannot use " + interface + ": " + reason(errno) + "."};
+    }
+    std::unique_ptr<SocketCanBus> bus(new SocketCanBus(socket.release()));
+    bus->fd_frames_ = fd_frames;
+    bus->realtime_offset_ns_ = read_clock_ns(CLOCK_REALTIME) - read_clock_ns(CLOCK_MONOTONIC);
+    return bus;
+}
+
+SocketCanBus::~SocketCanBus() { ::close(socket_); }
+
+CanStatus SocketCanBus::send(const CanFrame& frame) {
+    CanStatus status = CanStatus::ok;
+    if (bus_off_) {
+        status = CanStatus::bus_down;
+    } else if (!is_sendable(frame, fd_frames_)) {
+        status = CanStatus::invalid;
+    } else {
+        canfd_frame raw{};  // its first 16 bytes are a can_frame
+        raw.can_id = frame.id | (frame.extended ? CAN_EFF_FLAG : 0U) | (frame.remote ? CAN_RTR_FLAG : 0U);
+        raw.len = frame.length;
+        if (frame.fd && frame.bit_rate_switch) {
+            raw.flags = CANFD_BRS;
+        }
+        if (!frame.remote) {
+            std::memcpy(raw.data, frame.data.data(), frame.length);
+        }
+        const std::size_t size = frame.fd ? CANFD_MTU : CAN_MTU;
+        ssize_t written = -1;
+        do {
+            written = ::send(socket_, &raw, size, MSG_DONTWAIT | MSG_NOSIGNAL);
+        } while (written < 0 && errno == EINTR);
+        if (written < 0) {
+            switch (errno) {
+                case ENOBUFS:  // the interface's queue is full
+                case EAGAIN:   // the socket's share of it is
+                    status = CanStatus::would_block;
+                    break;
+                case EINVAL:
+                case EMSGSIZE:
+                    status = CanStatus::invalid;
+                    break;
+                default:  // ENETDOWN, ENXIO, ENODEV: down, or gone
+                    status = CanStatus::bus_down;
+                    down_ = true;
+                    break;
+            }
+        }
+    }
+    if (status == CanStatus::ok) {
+        down_ = false;
+        ++statistics_.frames_sent;
+    } else {
+        ++statistics_.send_refused;
+    }
+    return status;
+}
+
+CanStatus SocketCanBus::receive(ReceivedFrame& out) {
+    canfd_frame raw;
+    iovec piece{&raw, sizeof raw};
+    alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec)) + CMSG_SPACE(sizeof(std::uint32_t))>
+        control;
+    msghdr message{};
+    ssize_t size = -1;
+    // When the interface goes down the socket says so once, before the frames that still wait.
+    for (int attempt = 0; attempt < 2; ++attempt) {
+        message = msghdr{};
+        message.msg_iov = &piece;
+        message.msg_iovlen = 1;
+        message.msg_control = control.data();
+        message.msg_controllen = control.size();
+        size = recvmsg(socket_, &message, MSG_DONTWAIT);
+        if (size >= 0 || (errno != ENETDOWN && errno != ENODEV && errno != EINTR)) {
+            break;
+        }
+        down_ = down_ || errno != EINTR;
+    }
+    if (size != ssize_t{CAN_MTU} && size != ssize_t{CANFD_MTU}) {
+        return down_ || bus_off_ ? CanStatus::bus_down : CanStatus::would_block;
+    }
+
+    bool stamped = false;
+    for (cmsghdr* part = CMSG_FIRSTHDR(&message); part != nullptr; part = CMSG_NXTHDR(&message, part)) {
+        if (part->cmsg_level != SOL_SOCKET) {
+            continue;
+        }
+        if (part->cmsg_type == SO_TIMESTAMPNS) {
+            timespec stamp{};
+            std::memcpy(&stamp, CMSG_DATA(part), sizeof stamp);
+            out.timestamp_ns = to_monotonic_ns(std::int64_t{stamp.tv_sec} * 1'000'000'000 + stamp.tv_nsec);
+            stamped = true;
+        } else if (part->cmsg_type == SO_RXQ_OVFL) {
+            std::uint32_t count = 0;
+            std::memcpy(&count, CMSG_DATA(part), sizeof count);
+            statistics_.receive_overflow += count - last_overflow_;  // modulo 2^32
+            last_overflow_ = count;
+        }
+    }
+    if (!stamped) {
+        out.timestamp_ns = read_clock_ns(CLOCK_MONOTONIC);
+    }
+
+    CanFrame& frame = out.frame;
+    frame.error = (raw.can_id & CAN_ERR_FLAG) != 0;
+    frame.extended = !frame.error && (raw.can_id & CAN_EFF_FLAG) != 0;
+    frame.remote = !frame.error && (raw.can_id & CAN_RTR_FLAG) != 0;
+    frame.id = raw.can_id & (frame.extended || frame.error ? CAN_EFF_MASK : CAN_SFF_MASK);
+    frame.fd = size == ssize_t{CANFD_MTU};
+    frame.bit_rate_switch = frame.fd && (raw.flags & CANFD_BRS) != 0;
+    frame.length = std::min(raw.len, static_cast<std::uint8_t>(frame.fd ? CANFD_MAX_DLEN : CAN_MAX_DLEN));
+    std::memcpy(frame.data.data(), raw.data, frame.length);
+    if (frame.error) {
+        ++statistics_.error_frames;
+        note_error_class(frame.id);
+    } else {
+        ++statistics_.frames_received;
+        bus_off_ = false;
+    }
+    return CanStatus::ok;
+}
+
+void SocketCanBus::note_error_class(std::uint32_t error_class) {
+    if ((error_class & CAN_ERR_BUSOFF) != 0) {
+        bus_off_ = true;
+        ++statistics_.bus_off;
+    }
+    if ((error_class & CAN_ERR_RESTARTED) != 0) {
+        bus_off_ = false;
+    }
+}
+
+// The stamp is CLOCK_REALTIME's, which somebody may set between stamp and now. The age by the offset between
+// the clocks as last seen and the age by the offset now then differ by the step; the true one is not
+// negative, and is the smaller (a frame does not wait here for longer than a clock is set by).
+std::int64_t SocketCanBus::to_monotonic_ns(std::int64_t stamp_realtime_ns) {
+    const std::int64_t monotonic_ns = read_clock_ns(CLOCK_MONOTONIC);
+    const std::int64_t offset_ns = read_clock_ns(CLOCK_REALTIME) - monotonic_ns;
+    const std::int64_t age_now_ns = monotonic_ns + offset_ns - stamp_realtime_ns;
+    const std::int64_t age_then_ns = monotonic_ns + realtime_offset_ns_ - stamp_realtime_ns;
+    constexpr std::int64_t step_ns = 1'000'000;  // less is the two clocks being read one after the other
+    std::int64_t age_ns = age_now_ns;
+    if (offset_ns - realtime_offset_ns_ > step_ns || realtime_offset_ns_ - offset_ns > step_ns) {
+        if (age_now_ns < 0 || (age_then_ns >= 0 && age_then_ns < age_now_ns)) {
+            age_ns = age_then_ns;
+        }
+    }
+    realtime_offset_ns_ = offset_ns;
+    return monotonic_ns - std::max<std::int64_t>(age_ns, 0);
+}
+
+bool SocketCanBus::set_filters(std::span<const CanFilter> filters) {
+    if (filters.size() > max_filters) {
+        return false;
+    }
+    std::array<can_filter, max_filters> raw{};
+    for (std::size_t i = 0; i < filters.size(); ++i) {
+        const CanFilter& filter = filters[i];
+        // The format's flag is part of the comparison, or the other format's frames would pass as well.
+        raw[i].can_id = (filter.id & CAN_EFF_MASK) | (filter.extended ? CAN_EFF_FLAG : 0U);
+        raw[i].can_mask = (filter.mask & CAN_EFF_MASK) | CAN_EFF_FLAG;
+    }
+    return setsockopt(socket_, SOL_CAN_RAW, CAN_RAW_FILTER, raw.data(),
+                      static_cast<socklen_t>(filters.size() * sizeof(can_filter))) == 0;
+}
+
+}  // namespace wheelwright::hal

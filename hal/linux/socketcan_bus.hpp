@@ -1,0 +1,72 @@
+// A CAN bus through Linux's SocketCAN: one raw socket on one interface.
+//
+// Timestamps are the kernel's software receive stamps (taken in the driver's interrupt path), converted to
+// CLOCK_MONOTONIC, so they compare with MonotonicClock. Frames that other programs on this machine send are
+// received; our own are not.
+//
+// What it cannot see: a queueing discipline that drops frames in silence. Kernels before 5.15 may give a CAN
+// interface fq_codel, which does: `tc qdisc replace dev can0 root pfifo_fast`. An interface's own transmit
+// queue holds 10 frames unless `ip link set can0 txqueuelen N` says otherwise; when it is full, send() says
+// would_block.
+//
+// bus_down is noticed in send() and receive(), and taken back when a frame gets through again, or when the
+// controller reports a restart. A controller that is bus-off stays so unless `restart-ms` is set.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "hal/can_bus.hpp"
+#include "hal/linux/result.hpp"
+
+namespace wheelwright::hal {
+
+struct SocketCanOptions {
+    // Bytes of kernel memory for frames that wait; a frame takes about 700 to 900. More than the system's
+    // net.core.rmem_max needs CAP_NET_ADMIN; without it we get less, without a word.
+    int receive_buffer_bytes = 1 << 20;
+};
+
+class SocketCanBus final : public CanBus {
+  public:
+    static constexpr std::size_t max_filters = 64;
+
+    // The interface must exist, be a CAN interface, and be up. FD frames are on when it carries them.
+    // Errors: no CAN in the kernel, no such interface, not CAN, down, no permission (all of them kind
+    // machine, except a name that no interface can have, and one that is not CAN: usage).
+    static Result<std::unique_ptr<SocketCanBus>> open(const std::string& interface,
+                                                      const SocketCanOptions& options = {});
+
+    ~SocketCanBus() override;
+    SocketCanBus(const SocketCanBus&) = delete;
+    SocketCanBus& operator=(const SocketCanBus&) = delete;
+
+    CanStatus send(const CanFrame& frame) override;
+    CanStatus receive(ReceivedFrame& out) override;
+    bool set_filters(std::span<const CanFilter> filters) override;
+    CanStatistics statistics() const override { return statistics_; }
+
+    // Whether FD frames can be sent.
+    bool carries_fd() const { return fd_frames_; }
+
+    // For poll() and the like; the bus keeps owning it.
+    int descriptor() const { return socket_; }
+
+  private:
+    explicit SocketCanBus(int socket) : socket_(socket) {}
+
+    std::int64_t to_monotonic_ns(std::int64_t stamp_realtime_ns);
+    void note_error_class(std::uint32_t error_class);
+
+    int socket_;
+    bool fd_frames_ = false;
+    bool down_ = false;
+    bool bus_off_ = false;
+    std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
+    std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC when last looked at
+    CanStatistics statistics_;
+};
+
+}  // namespace wheelwright::hal
