@@ -1,0 +1,656 @@
+// The ODrive driver against frames written by hand from the CANSimple description: id = node << 5 | command,
+// little endian, floats IEEE 754. Node 3 everywhere, so 0x07 (Set_Axis_State) is 0x067 and so on.
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <initializer_list>
+#include <limits>
+
+#include "drivers/drive_catalogue.hpp"
+#include "drivers/odrive/odrive_drive.hpp"
+#include "firmware/model/robot_parameters.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::drivers;
+
+namespace {
+
+constexpr double kPi = 3.14159265358979323846;
+constexpr std::int64_t kMs = 1'000'000;
+
+struct Recorder final : FrameSink {
+    void push(const hal::CanFrame& frame) override {
+        if (count < frames.size()) frames[count++] = frame;
+    }
+    std::array<hal::CanFrame, 256> frames;
+    std::size_t count = 0;
+};
+
+hal::CanFrame frame(std::uint32_t id, std::initializer_list<int> bytes) {
+    hal::CanFrame f;
+    f.id = id;
+    f.length = static_cast<std::uint8_t>(bytes.size());
+    std::size_t i = 0;
+    for (const int byte : bytes) f.data[i++] = static_cast<std::uint8_t>(byte);
+    return f;
+}
+
+OdriveConfig config(OdriveGeneration generation) {
+    OdriveConfig c;
+    c.generation = generation;
+    c.node = 3;
+    c.sign = -1;
+    c.gear_ratio = 6.25;
+    c.torque_constant_Nm_per_A = 0.0625;
+    c.heartbeat_timeout_s = 0.35;
+    c.arming_timeout_s = 2;
+    c.watchdog_assured = true;
+    return c;
+}
+
+// A driver with a clock of its own, and the frames it has sent.
+struct Bench {
+    explicit Bench(const OdriveConfig& c) : drive(c) {}
+
+    void cycle() {
+        now += kMs;
+        drive.update(now, sent);
+    }
+    void cycles(int n) {
+        for (int i = 0; i < n; ++i) cycle();
+    }
+    bool receive(std::uint32_t id, std::initializer_list<int> bytes) {
+        return drive.accept({frame(id, bytes), now + 1000});
+    }
+    void heartbeat(int state, int error_byte_1 = 0) {
+        receive(0x061, {0, error_byte_1, 0, 0, state, 0, 0, 0});
+    }
+
+    // Arms without looking: an idle drive that obeys.
+    void arm() {
+        heartbeat(1);
+        cycle();
+        drive.request_arm();
+        cycles(6);
+        heartbeat(8);
+        cycle();
+        CHECK(drive.state() == DriveState::armed);
+        sent.count = 0;
+    }
+
+    void check_sent(std::initializer_list<hal::CanFrame> expected) {
+        CHECK_EQUAL(expected.size(), sent.count);
+        std::size_t i = 0;
+        for (const hal::CanFrame& want : expected) {
+            const hal::CanFrame& have = sent.frames[i++];
+            CHECK_EQUAL(want.id, have.id);
+            CHECK_EQUAL(want.length, have.length);
+            CHECK(!have.remote && !have.extended && !have.fd);
+            MEMCMP_EQUAL(want.data.data(), have.data.data(), want.length);
+        }
+        sent.count = 0;
+    }
+
+    OdriveDrive drive;
+    Recorder sent;
+    std::int64_t now = 1000 * kMs;
+};
+
+const std::initializer_list<int> kZero8{0, 0, 0, 0, 0, 0, 0, 0};
+
+}  // namespace
+
+TEST_GROUP(OdriveArming){};
+
+TEST(OdriveArming, generation_0_5_sends_the_documented_order_one_step_in_a_cycle) {
+    Bench b(config(OdriveGeneration::v0_5));
+    b.heartbeat(1);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    b.drive.request_arm();
+    b.check_sent({});
+    b.cycle();
+    b.check_sent({frame(0x078, {})});
+    CHECK(b.drive.state() == DriveState::arming);
+    b.cycle();
+    b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8)});
+    b.cycle();
+    b.check_sent({frame(0x067, {8, 0, 0, 0}), frame(0x06E, kZero8)});
+    b.cycles(3);
+    b.check_sent({frame(0x06E, kZero8), frame(0x06E, kZero8), frame(0x06E, kZero8)});
+    b.heartbeat(8);
+    CHECK(b.drive.state() == DriveState::armed);
+    b.cycle();
+    b.check_sent({});
+    CHECK(b.drive.refusal() == ArmRefusal::none);
+}
+
+TEST(OdriveArming, generation_0_6_reads_the_watchdog_before_closed_loop) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.watchdog_assured = false;
+    c.watchdog_endpoint = 0x0123;
+    Bench b(c);
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(3);
+    b.check_sent({frame(0x078, {0}), frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0}), frame(0x06E, kZero8)});
+    b.cycle();
+    b.check_sent({frame(0x064, {0, 0x23, 0x01, 0, 0, 0, 0, 0}), frame(0x06E, kZero8)});
+    b.cycles(5);
+    for (std::size_t i = 0; i < b.sent.count; ++i) CHECK_EQUAL(0x06EU, b.sent.frames[i].id);
+    b.sent.count = 0;
+    // The answer to another question does not count.
+    b.receive(0x065, {0, 0x24, 0x01, 0, 1});
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8)});
+    b.receive(0x065, {0, 0x23, 0x01, 0, 1});
+    b.cycle();
+    b.check_sent({frame(0x067, {8, 0, 0, 0}), frame(0x06E, kZero8)});
+    b.heartbeat(8);
+    CHECK(b.drive.state() == DriveState::armed);
+}
+
+TEST(OdriveArming, a_drive_that_says_its_watchdog_is_off_is_refused_even_when_vouched_for) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.watchdog_endpoint = 0x0123;
+    Bench b(c);
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(4);
+    b.sent.count = 0;
+    b.receive(0x065, {0, 0x23, 0x01, 0, 0, 0, 0, 0});
+    b.cycles(100);
+    CHECK(b.drive.state() == DriveState::idle);
+    CHECK(b.drive.refusal() == ArmRefusal::watchdog_not_confirmed);
+    b.check_sent({});
+}
+
+TEST(OdriveArming, an_unanswered_watchdog_question_is_repeated_and_then_refuses) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.watchdog_endpoint = 0x0123;
+    c.arming_timeout_s = 0.1;
+    Bench b(c);
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(110);
+    int questions = 0;
+    for (std::size_t i = 0; i < b.sent.count; ++i) {
+        questions += b.sent.frames[i].id == 0x064 ? 1 : 0;
+        CHECK(b.sent.frames[i].id != 0x067);
+    }
+    CHECK(questions >= 3 && questions <= 6);
+    CHECK(b.drive.refusal() == ArmRefusal::watchdog_not_confirmed);
+}
+
+TEST(OdriveArming, without_a_known_watchdog_nothing_is_sent) {
+    for (const OdriveGeneration generation : {OdriveGeneration::v0_5, OdriveGeneration::v0_6}) {
+        OdriveConfig c = config(generation);
+        c.watchdog_assured = false;
+        // A 0.5 drive cannot be asked, so an endpoint does not help it.
+        c.watchdog_endpoint = generation == OdriveGeneration::v0_5 ? 0x0123 : 0;
+        Bench b(c);
+        b.heartbeat(1);
+        b.cycle();
+        b.drive.request_arm();
+        b.cycles(20);
+        b.check_sent({});
+        CHECK(b.drive.state() == DriveState::idle);
+        CHECK(b.drive.refusal() == ArmRefusal::watchdog_not_confirmed);
+    }
+}
+
+TEST(OdriveArming, a_silent_drive_is_refused) {
+    Bench b(config(OdriveGeneration::v0_6));
+    CHECK(b.drive.state() == DriveState::silent);
+    b.drive.request_arm();
+    b.cycles(5);
+    b.check_sent({});
+    CHECK(b.drive.refusal() == ArmRefusal::silent);
+}
+
+TEST(OdriveArming, a_heartbeat_from_before_the_request_does_not_arm) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(4);  // the fourth cycle asks for closed loop
+    CHECK(b.drive.accept({frame(0x061, {0, 0, 0, 0, 8, 0, 0, 0}), b.now - 1}));
+    CHECK(b.drive.state() == DriveState::arming);
+    b.heartbeat(8);
+    CHECK(b.drive.state() == DriveState::armed);
+}
+
+TEST(OdriveArming, an_axis_found_running_is_made_idle_first) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(8);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);  // delivers what somebody else asks, not what we do
+    b.drive.request_arm();
+    b.cycles(3);
+    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+    b.heartbeat(8);
+    b.cycle();
+    b.check_sent({});
+    b.heartbeat(1);
+    b.cycle();
+    b.check_sent({frame(0x078, {0})});
+}
+
+TEST(OdriveArming, an_error_that_survives_clearing_refuses) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1, 0x02);  // 0x200: dc_bus_under_voltage
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::fault);
+    CHECK(b.drive.fault() == DriveFault::error);
+    b.drive.request_arm();
+    b.cycles(4);
+    b.heartbeat(1, 0x02);  // perhaps written before the clearing was obeyed
+    CHECK(b.drive.state() == DriveState::arming);
+    b.cycles(10);
+    b.heartbeat(1, 0x02);
+    CHECK(b.drive.refusal() == ArmRefusal::drive_error);
+    CHECK(b.drive.state() == DriveState::fault);
+}
+
+TEST(OdriveArming, arming_times_out_and_takes_the_request_back) {
+    OdriveConfig c = config(OdriveGeneration::v0_5);
+    c.arming_timeout_s = 0.05;
+    Bench b(c);
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(50);
+    b.heartbeat(1);
+    b.sent.count = 0;
+    b.cycles(3);
+    CHECK(b.drive.refusal() == ArmRefusal::timed_out);
+    CHECK_EQUAL(0x067U, b.sent.frames[b.sent.count - 1].id);
+    CHECK_EQUAL(1, b.sent.frames[b.sent.count - 1].data[0]);
+    b.heartbeat(1);
+    CHECK(b.drive.state() == DriveState::idle);
+}
+
+TEST(OdriveArming, torque_is_not_passed_on_before_armed) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.command_torque(1, b.sent);
+    b.check_sent({});
+    b.drive.request_arm();
+    for (int i = 0; i < 8; ++i) {
+        b.cycle();
+        const std::size_t before = b.sent.count;
+        b.drive.command_torque(1, b.sent);
+        CHECK_EQUAL(before, b.sent.count);
+    }
+}
+
+TEST(OdriveArming, a_stop_in_the_same_cycle_wins_over_arming) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.drive.request_disarm();
+    b.cycle();
+    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+    b.cycles(10);
+    b.check_sent({});
+    CHECK(b.drive.state() == DriveState::idle);
+}
+
+TEST(OdriveArming, disarming_sends_zero_then_idle_until_the_drive_says_so) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.arm();
+    b.drive.request_disarm();
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    b.drive.command_torque(2, b.sent);
+    b.check_sent({});
+    CHECK(b.drive.state() == DriveState::arming);
+    b.cycles(60);
+    b.check_sent({});  // no heartbeat has denied it yet
+    b.heartbeat(8);
+    b.cycle();
+    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+    b.heartbeat(1);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    CHECK(b.drive.fault() == DriveFault::none);
+    b.check_sent({});
+}
+
+TEST_GROUP(OdriveFaults){};
+
+TEST(OdriveFaults, an_error_while_armed_ends_torque_and_is_named) {
+    for (const OdriveGeneration generation : {OdriveGeneration::v0_5, OdriveGeneration::v0_6}) {
+        Bench b(config(generation));
+        b.arm();
+        b.receive(0x061, {0, 0x40, 0, 0, 8, 0, 0, 0});
+        CHECK(b.drive.state() == DriveState::fault);
+        CHECK(b.drive.fault() == DriveFault::error);
+        b.drive.command_torque(1, b.sent);
+        b.check_sent({});
+        b.cycle();
+        b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+        CHECK_EQUAL(0x4000U, b.drive.feedback().error_bits);
+        const std::string_view name = b.drive.error_name(0x4000);
+        CHECK(name == (generation == OdriveGeneration::v0_5 ? "estop_requested" : "inverter_over_temp"));
+    }
+}
+
+TEST(OdriveFaults, error_bits_have_the_names_of_their_generation) {
+    CHECK(odrive_error_name(OdriveGeneration::v0_5, 0x800) == "watchdog_timer_expired");
+    CHECK(odrive_error_name(OdriveGeneration::v0_6, 0x01000000) == "watchdog_timer_expired");
+    CHECK(odrive_error_name(OdriveGeneration::v0_5, 0x4000) == "estop_requested");
+    CHECK(odrive_error_name(OdriveGeneration::v0_6, 0x02000000) == "estop_requested");
+    CHECK(odrive_error_name(OdriveGeneration::v0_6, 0x800) == "dc_bus_over_regen_current");
+    CHECK(odrive_error_name(OdriveGeneration::v0_6, 0x00800000) == "unknown");
+}
+
+// The story: ODrive issue 700. With the motor unplugged, the heartbeat's error stayed 0 and only the axis
+// state left closed loop, so a driver that watched the error alone believed it was still armed.
+TEST(OdriveFaults, leaving_closed_loop_without_any_error_is_a_fault) {
+    Bench b(config(OdriveGeneration::v0_5));
+    b.arm();
+    b.heartbeat(1);
+    CHECK(b.drive.state() == DriveState::fault);
+    CHECK(b.drive.fault() == DriveFault::left_armed);
+    b.cycle();
+    b.heartbeat(1);
+    b.cycles(5);
+    CHECK(b.drive.state() == DriveState::fault);  // until somebody acknowledges
+    b.drive.request_clear_errors();
+    b.sent.count = 0;
+    b.cycle();
+    b.check_sent({frame(0x078, {})});
+    b.cycles(10);
+    b.heartbeat(1);
+    CHECK(b.drive.state() == DriveState::idle);
+    CHECK(b.drive.fault() == DriveFault::none);
+}
+
+TEST(OdriveFaults, error_flags_of_motor_encoder_and_controller_count_in_0_5) {
+    for (const int flag : {5, 6, 7}) {
+        Bench b(config(OdriveGeneration::v0_5));
+        b.arm();
+        std::array<int, 8> bytes{0, 0, 0, 0, 8, 0, 0, 0};
+        bytes[static_cast<std::size_t>(flag)] = 1;
+        b.receive(0x061, {0, 0, 0, 0, 8, bytes[5], bytes[6], bytes[7]});
+        CHECK(b.drive.fault() == DriveFault::error);
+    }
+    Bench b(config(OdriveGeneration::v0_5));
+    b.arm();
+    b.receive(0x061, {0, 0, 0, 0, 8, 0, 0, 0x80});  // trajectory done is no error
+    CHECK(b.drive.state() == DriveState::armed);
+}
+
+TEST(OdriveFaults, a_heartbeat_that_stops_is_a_fault_at_its_time_out) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.arm();
+    b.receive(0x069, {0, 0, 0, 0, 0, 0, 0, 0});
+    b.cycles(348);
+    CHECK(b.drive.state() == DriveState::armed);
+    b.receive(0x069, {0, 0, 0, 0, 0, 0, 0, 0});  // encoder frames are no sign of the axis state
+    b.sent.count = 0;
+    b.cycles(3);
+    CHECK(b.drive.state() == DriveState::silent);
+    CHECK(b.drive.fault() == DriveFault::silent);
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    b.drive.command_torque(1, b.sent);
+    b.cycles(500);
+    b.check_sent({});  // its watchdog does the rest; frames would feed it
+    b.heartbeat(8);    // back, and still running
+    b.cycle();
+    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+    CHECK(b.drive.state() == DriveState::fault);
+}
+
+TEST(OdriveFaults, a_silent_drive_ends_arming) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(360);
+    CHECK(b.drive.state() == DriveState::silent);
+    CHECK(b.drive.refusal() == ArmRefusal::silent);
+}
+
+TEST(OdriveFaults, a_drive_that_ignores_disarming_is_a_fault) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.arming_timeout_s = 0.2;
+    Bench b(c);
+    b.arm();
+    b.drive.request_disarm();
+    for (int i = 0; i < 250; ++i) {
+        if (i % 50 == 0) b.heartbeat(8);
+        b.cycle();
+    }
+    CHECK(b.drive.state() == DriveState::fault);
+    CHECK(b.drive.fault() == DriveFault::disarm_failed);
+}
+
+TEST(OdriveFaults, an_expired_watchdog_is_a_fault_while_armed_and_none_while_idle) {
+    Bench b(config(OdriveGeneration::v0_5));
+    b.heartbeat(1, 0x08);  // 0x800
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    b.arm();
+    b.heartbeat(1, 0x08);
+    CHECK(b.drive.state() == DriveState::fault);
+    b.drive.request_clear_errors();
+    b.cycles(10);
+    b.heartbeat(1, 0x08);  // expired again: nobody feeds an idle drive
+    CHECK(b.drive.state() == DriveState::idle);
+}
+
+TEST(OdriveFaults, a_fault_can_be_armed_away) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.arm();
+    b.heartbeat(1);
+    b.cycle();
+    b.heartbeat(1);
+    b.drive.request_arm();
+    b.cycles(6);
+    CHECK(b.drive.state() == DriveState::arming);
+    b.heartbeat(8);
+    CHECK(b.drive.state() == DriveState::armed);
+    CHECK(b.drive.fault() == DriveFault::none);
+}
+
+TEST_GROUP(OdriveFeedback){};
+
+TEST(OdriveFeedback, encoder_estimates_arrive_at_the_wheel_with_sign_gear_and_receive_time) {
+    Bench b(config(OdriveGeneration::v0_6));
+    // 10.5 rev = 0x41280000, -2.25 rev/s = 0xC0100000
+    const hal::ReceivedFrame received{frame(0x069, {0, 0, 0x28, 0x41, 0, 0, 0x10, 0xC0}), 123'456'789};
+    CHECK(b.drive.accept(received));
+    DOUBLES_EQUAL(-10.5 * 2 * kPi / 6.25, b.drive.feedback().position_rad, 1e-12);
+    DOUBLES_EQUAL(2.25 * 2 * kPi / 6.25, b.drive.feedback().speed_rad_per_s, 1e-12);
+    CHECK_EQUAL(123'456'789, b.drive.feedback().encoder_time_ns);
+    CHECK_EQUAL(0, b.drive.feedback().torque_time_ns);
+}
+
+TEST(OdriveFeedback, torque_comes_from_current_in_0_5_and_from_the_estimate_in_0_6) {
+    Bench old(config(OdriveGeneration::v0_5));
+    // set 1 A, measured 4 A = 0x40800000
+    old.receive(0x074, {0, 0, 0x80, 0x3F, 0, 0, 0x80, 0x40});
+    DOUBLES_EQUAL(-4 * 0.0625 * 6.25, old.drive.feedback().torque_Nm, 1e-12);
+    old.receive(0x07C, {0, 0, 0x80, 0x3F, 0, 0, 0x80, 0x40});  // 0.5: the ADC voltage, not a torque
+    DOUBLES_EQUAL(-4 * 0.0625 * 6.25, old.drive.feedback().torque_Nm, 1e-12);
+
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.torque_scale = 0.9;
+    Bench b(c);
+    // target 1 Nm, estimate -0.5 Nm = 0xBF000000
+    b.receive(0x07C, {0, 0, 0x80, 0x3F, 0, 0, 0, 0xBF});
+    DOUBLES_EQUAL(0.5 * 6.25 * 0.9, b.drive.feedback().torque_Nm, 1e-12);
+    CHECK(b.drive.feedback().torque_time_ns > 0);
+}
+
+TEST(OdriveFeedback, supply_voltage_and_temperature_are_passed_on) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.receive(0x077, {0, 0, 0xC0, 0x41, 0, 0, 0, 0});  // 24 V
+    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0, 0});     // 32 degC
+    DOUBLES_EQUAL(24, b.drive.feedback().bus_voltage_V, 0);
+    DOUBLES_EQUAL(32, b.drive.feedback().temperature_degC, 0);
+}
+
+TEST(OdriveFeedback, commanded_wheel_torque_becomes_motor_torque) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    Bench b(c);
+    b.arm();
+    b.drive.command_torque(2.5, b.sent);  // -0.4 Nm at the motor = 0xBECCCCCD
+    b.check_sent({frame(0x06E, {0xCD, 0xCC, 0xCC, 0xBE, 0, 0, 0, 0})});
+    b.drive.set_torque_scale(0.8);
+    b.drive.command_torque(2.5, b.sent);  // -0.5 Nm = 0xBF000000
+    b.check_sent({frame(0x06E, {0, 0, 0, 0xBF, 0, 0, 0, 0})});
+}
+
+TEST(OdriveFeedback, a_commanded_torque_that_is_no_number_is_sent_as_zero_and_counted) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.arm();
+    for (const double bad :
+         {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), -1e300}) {
+        b.drive.command_torque(bad, b.sent);
+        b.check_sent({frame(0x06E, kZero8)});
+    }
+    CHECK_EQUAL(3U, b.drive.counters().command_not_finite);
+}
+
+TEST(OdriveFeedback, frames_with_not_finite_numbers_change_nothing_and_are_counted) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.receive(0x069, {0, 0, 0x28, 0x41, 0, 0, 0x10, 0xC0});
+    const DriveFeedback before = b.drive.feedback();
+    b.now += kMs;
+    b.receive(0x069, {0, 0, 0xC0, 0x7F, 0, 0, 0x10, 0xC0});  // position NaN
+    b.receive(0x069, {0, 0, 0x28, 0x41, 0, 0, 0x80, 0xFF});  // speed -infinity
+    b.receive(0x07C, {0, 0, 0x80, 0x3F, 1, 0, 0x80, 0x7F});  // torque, a signalling NaN
+    DOUBLES_EQUAL(before.position_rad, b.drive.feedback().position_rad, 0);
+    DOUBLES_EQUAL(before.speed_rad_per_s, b.drive.feedback().speed_rad_per_s, 0);
+    CHECK_EQUAL(before.encoder_time_ns, b.drive.feedback().encoder_time_ns);
+    CHECK_EQUAL(0, b.drive.feedback().torque_time_ns);
+    CHECK_EQUAL(3U, b.drive.counters().not_finite);
+}
+
+TEST(OdriveFeedback, frames_of_the_wrong_length_change_nothing_and_are_counted) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.receive(0x069, {0, 0, 0x28, 0x41, 0, 0, 0x10});
+    b.receive(0x061, {0, 0, 0, 0, 8});
+    b.receive(0x069, {});
+    CHECK_EQUAL(0, b.drive.feedback().encoder_time_ns);
+    CHECK_EQUAL(0, b.drive.feedback().heartbeat_time_ns);
+    CHECK_EQUAL(3U, b.drive.counters().wrong_length);
+}
+
+TEST(OdriveFeedback, frames_of_other_nodes_and_other_kinds_are_left_alone) {
+    Bench b(config(OdriveGeneration::v0_6));
+    CHECK(!b.receive(0x041, {0, 0, 0, 0, 8, 0, 0, 0}));  // node 2
+    CHECK(!b.receive(0x081, {0, 0, 0, 0, 8, 0, 0, 0}));  // node 4
+    hal::CanFrame odd = frame(0x061, {0, 0, 0, 0, 8, 0, 0, 0});
+    odd.extended = true;
+    CHECK(!b.drive.accept({odd, b.now}));
+    odd.extended = false;
+    odd.error = true;
+    CHECK(!b.drive.accept({odd, b.now}));
+    CHECK_EQUAL(0, b.drive.feedback().heartbeat_time_ns);
+}
+
+TEST(OdriveFeedback, somebody_elses_commands_to_the_drive_are_noticed) {
+    Bench b(config(OdriveGeneration::v0_6));
+    CHECK(b.receive(0x06E, {0, 0, 0, 0, 0, 0, 0, 0}));
+    CHECK(b.receive(0x067, {8, 0, 0, 0}));
+    CHECK_EQUAL(2U, b.drive.counters().foreign_commands);
+}
+
+TEST(OdriveFeedback, every_frame_of_every_length_and_pattern_leaves_finite_feedback) {
+    for (const OdriveGeneration generation : {OdriveGeneration::v0_5, OdriveGeneration::v0_6}) {
+        Bench b(config(generation));
+        std::uint32_t x = 12345;
+        for (int i = 0; i < 200'000; ++i) {
+            hal::ReceivedFrame received;
+            x = x * 1664525U + 1013904223U;
+            received.frame.id = 0x060 | (x >> 27U);
+            received.frame.length = static_cast<std::uint8_t>((x >> 20U) % 9);
+            for (std::size_t k = 0; k < 8; ++k) {
+                x = x * 1664525U + 1013904223U;
+                const std::uint8_t byte = static_cast<std::uint8_t>(x >> 24U);
+                received.frame.data[k] = (x & 0x700000U) == 0 ? 0xFF : byte;
+            }
+            received.timestamp_ns = ++b.now;
+            b.drive.accept(received);
+            CHECK(std::isfinite(b.drive.feedback().position_rad));
+            CHECK(std::isfinite(b.drive.feedback().speed_rad_per_s));
+            CHECK(std::isfinite(b.drive.feedback().torque_Nm));
+            CHECK(b.drive.state() != DriveState::armed);
+        }
+        CHECK(b.drive.counters().not_finite > 100);
+        CHECK(b.drive.counters().wrong_length > 100);
+    }
+}
+
+TEST_GROUP(OdriveConfiguration){};
+
+TEST(OdriveConfiguration, the_robot_file_reaches_the_drive_left_and_right) {
+    model::RobotParameters p = model::default_parameters();
+    p.drive.generation = 5;
+    p.drive.left = {7, -1, 5.5, 0.031, 1.07};
+    p.drive.right = {9, 1, 6.5, 0.029, 0.93};
+    p.drive.heartbeat_period_ms = 50;
+    p.drive.encoder_period_ms = 2;
+    p.drive.torque_period_ms = 20;
+    p.drive.watchdog_assured = true;
+    p.drive.watchdog_endpoint = 391;
+    const OdriveConfig left = odrive_config(p, Wheel::left);
+    const OdriveConfig right = odrive_config(p, Wheel::right);
+    CHECK(left.generation == OdriveGeneration::v0_5);
+    CHECK_EQUAL(7U, left.node);
+    CHECK_EQUAL(9U, right.node);
+    DOUBLES_EQUAL(-1, left.sign, 0);
+    DOUBLES_EQUAL(1, right.sign, 0);
+    DOUBLES_EQUAL(5.5, left.gear_ratio, 0);
+    DOUBLES_EQUAL(6.5, right.gear_ratio, 0);
+    DOUBLES_EQUAL(0.029, right.torque_constant_Nm_per_A, 0);
+    DOUBLES_EQUAL(1.07, left.torque_scale, 0);
+    DOUBLES_EQUAL(0.05, left.heartbeat_period_s, 1e-12);
+    DOUBLES_EQUAL(0.002, left.encoder_period_s, 1e-12);
+    DOUBLES_EQUAL(0.02, left.torque_period_s, 1e-12);
+    CHECK(left.watchdog_assured);
+    CHECK_EQUAL(391, left.watchdog_endpoint);
+}
+
+TEST(OdriveConfiguration, the_catalogue_makes_the_drive_in_place) {
+    model::RobotParameters p = model::default_parameters();
+    DriveSlot slot;
+    MotorDrive* drive = make_drive(slot, p, Wheel::right);
+    CHECK(drive != nullptr);
+    CHECK(reinterpret_cast<char*>(drive) >= reinterpret_cast<char*>(&slot));
+    CHECK(reinterpret_cast<char*>(drive) < reinterpret_cast<char*>(&slot + 1));
+    CHECK(drive->state() == DriveState::silent);
+    p.drive.generation = 99;
+    CHECK(make_drive(slot, p, Wheel::right) == nullptr);
+}
+
+TEST(OdriveConfiguration, periodic_frames_are_listed_for_the_bus_load) {
+    const OdriveDrive drive(config(OdriveGeneration::v0_5));
+    double bits_per_s = 0;
+    for (const DriveFrame& f : drive.frames()) {
+        bits_per_s += 135 / f.period_s;  // eight bytes, 11-bit id, worst case
+        CHECK_EQUAL(8, f.length);
+        CHECK_EQUAL(3U, f.id >> 5U);
+    }
+    // Torque and encoder at 1 kHz, current at 100 Hz, heartbeat at 10 Hz.
+    DOUBLES_EQUAL(135 * (1000 + 1000 + 100 + 10), bits_per_s, 1e-6);
+    CHECK_EQUAL(4U, drive.frames().size());
+    CHECK(drive.frames()[2].name == "Get_Iq");
+    CHECK(drive.frames()[3].to_drive);
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.torque_period_s = 0;
+    CHECK_EQUAL(3U, OdriveDrive(c).frames().size());
+}
