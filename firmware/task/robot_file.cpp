@@ -235,7 +235,12 @@ class Reader {
         } else if (is_text(path)) {
             text(path, node);
         } else if (const std::string children = children_of(path); !children.empty()) {
-            if (expect_table(path, node, "a table with " + children)) walk(*node.as_table(), path + ".");
+            std::string what = "a table with " + children;
+            if (node.is_number() && children == "left, right") {
+                const std::string both = found_text(node);
+                what.append(": { left = ").append(both).append(", right = ").append(both).append(" }");
+            }
+            if (expect_table(path, node, what)) walk(*node.as_table(), path + ".");
         } else {
             unknown(path, key_at, node);
         }
@@ -269,8 +274,8 @@ class Reader {
         }
         if (!std::isfinite(*found) || *found < minimum || *found > maximum) {
             problem(at, path,
-                    "found " + with_unit(plain_number(*found), unit) + ", " + expected +
-                        range_hint(*found, minimum, maximum, unit));
+                    "found " + with_unit(plain_number(*found), std::isfinite(*found) ? unit : "") + ", " +
+                        expected + range_hint(*found, minimum, maximum, unit));
             return false;
         }
         value = *found;

@@ -107,6 +107,7 @@ class Editor {
         const std::string before = text_;
         index_lines();
         std::string failed = place(parsed.table(), parts, change.value);
+        if (failed.empty() && text_ == before) return "";  // it says so already
         if (failed.empty()) {
             toml::parse_result after = toml::parse(text_);
             toml::table wanted(parsed.table());

@@ -1,0 +1,51 @@
+// The worst-case load of the buses, known before the first frame.
+#include <cstdio>
+#include <string>
+
+#include "firmware/task/bus_plan.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+
+TEST_GROUP(BusPlan){};
+
+// Two ODrives at 1 kHz, torque commands and encoder estimates: 540 bits in each millisecond.
+TEST(BusPlan, DrivesTakeTheShareOfTheBudgetTable) {
+    model::RobotParameters p = model::default_parameters();
+    p.drive.torque_period_ms = 0;
+    p.drive.heartbeat_period_ms = 1000;
+    const task::BusPlan plan = task::bus_plan(p);
+    DOUBLES_EQUAL(0.540, plan.drive_load, 0.0005);
+    std::printf("drives %.1f %%, host %.1f %%, shared %.1f %%\n", plan.drive_load * 100, plan.host_load * 100,
+                plan.shared_load * 100);
+    STRCMP_EQUAL("", task::bus_refusal(plan, p, true).c_str());
+}
+
+TEST(BusPlan, TorqueReportsEachMillisecondOnASharedBusAreRefusedByName) {
+    model::RobotParameters p = model::default_parameters();
+    p.drive.torque_period_ms = 1;
+    const std::string refusal = task::bus_refusal(task::bus_plan(p), p, true);
+    CHECK(refusal.find("bus shared by drives and host") != std::string::npos);
+    CHECK(refusal.find("left Get_Torques 13.5 %") != std::string::npos);
+    CHECK(refusal.find("80.0 %") != std::string::npos);
+}
+
+TEST(BusPlan, HalfTheBitRateIsTooLittleForTwoDrives) {
+    model::RobotParameters p = model::default_parameters();
+    p.bus.bit_rate_bit_per_s = 5e5;
+    const task::BusPlan plan = task::bus_plan(p);
+    CHECK(plan.drive_load > 1.08);
+    CHECK(task::bus_refusal(plan, p, false).find("drives' bus") != std::string::npos);
+    p.drive.generation = 5;
+    CHECK(task::bus_refusal(task::bus_plan(p), p, false).find("Set_Input_Torque") != std::string::npos);
+}
+
+TEST(BusPlan, SlowHostBusIsJudgedByItself) {
+    model::RobotParameters p = model::default_parameters();
+    p.bus.host_bit_rate_bit_per_s = 1e5;
+    p.bus.load_limit = 0.6;
+    const std::string refusal = task::bus_refusal(task::bus_plan(p), p, false);
+    CHECK(refusal.find("host's bus") != std::string::npos);
+    CHECK(refusal.find("Set_Input_Torque") == std::string::npos);
+}
