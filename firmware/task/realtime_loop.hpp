@@ -22,8 +22,9 @@ struct LoopStatistics {
 //     std::int64_t send_phase_ns();   when, after the scheduled time, the torques go out
 //     void send(std::int64_t now_ns); torques, then telemetry
 //     bool finished();
+//     void request_termination();  called after `most_cycles` cycles, unless that is 0
 template <typename Cycle>
-void run_cycles(Cycle& cycle, hal::Clock& clock, LoopStatistics& statistics) {
+void run_cycles(Cycle& cycle, hal::Clock& clock, LoopStatistics& statistics, std::uint64_t most_cycles = 0) {
     CycleSchedule schedule(clock.now_ns() + 2 * kCyclePeriod_ns);
     while (!cycle.finished()) {
         clock.sleep_until_ns(schedule.next_deadline_ns());
@@ -37,6 +38,7 @@ void run_cycles(Cycle& cycle, hal::Clock& clock, LoopStatistics& statistics) {
         const std::int64_t computing_ns = (thought_ns - time.woken_ns) + (clock.now_ns() - sending_ns);
         schedule.end(computing_ns);
         ++statistics.cycles;
+        if (statistics.cycles == most_cycles) cycle.request_termination();
         statistics.missed += static_cast<std::uint64_t>(time.missed);
         statistics.wake_latency.add(time.woken_ns - time.scheduled_ns);
         statistics.execution.add(computing_ns);

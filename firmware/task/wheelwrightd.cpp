@@ -1,0 +1,223 @@
+// The firmware as a Linux process: reads the robot file, opens buses and lines, becomes real-time, and runs
+// one cycle in each millisecond until SIGTERM or SIGINT.
+#include <CLI/CLI.hpp>
+#include <array>
+#include <csignal>
+#include <cstdio>
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "drivers/drive_catalogue.hpp"
+#include "firmware/task/bus_plan.hpp"
+#include "firmware/task/cycle.hpp"
+#include "firmware/task/realtime_loop.hpp"
+#include "firmware/task/robot_file.hpp"
+#include "firmware/task/saver.hpp"
+#include "hal/linux/gpiod_line.hpp"
+#include "hal/linux/monotonic_clock.hpp"
+#include "hal/linux/realtime.hpp"
+#include "hal/linux/socketcan_bus.hpp"
+
+namespace {
+
+using namespace wheelwright;
+
+enum ExitStatus : int { kDone = 0, kUsage = 1, kMachineLacks = 4 };
+
+task::Cycle* running_cycle = nullptr;  // for the signal handler only
+
+void on_signal(int) {
+    if (running_cycle != nullptr) running_cycle->request_termination();
+}
+
+// SIGTERM and SIGINT end the firmware in order; they are taken by the cycle's thread alone.
+void catch_signals() {
+    struct sigaction action {};
+    action.sa_handler = &on_signal;
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGTERM, &action, nullptr);
+    sigaction(SIGINT, &action, nullptr);
+}
+
+void block_signals(bool block) {
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGTERM);
+    sigaddset(&set, SIGINT);
+    pthread_sigmask(block ? SIG_BLOCK : SIG_UNBLOCK, &set, nullptr);
+}
+
+struct Options {
+    std::string config;
+    std::string can;
+    std::string host_can;
+    double duration_s = 0;
+    bool allow_soft_realtime = false;
+    bool statistics = false;
+};
+
+int fail(int status, const std::string& message) {
+    std::fprintf(stderr, "wheelwrightd: %s\n", message.c_str());
+    return status;
+}
+
+// Only the drives' frames and our commands reach the cycle.
+bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, bool drives, bool host) {
+    constexpr std::uint32_t kNodeMask = 0x7E0;
+    std::array<hal::CanFilter, 3> filters;
+    std::size_t count = 0;
+    if (drives) {
+        filters[count++] = {static_cast<std::uint32_t>(parameters.drive.left.node) << 5, kNodeMask, false};
+        filters[count++] = {static_cast<std::uint32_t>(parameters.drive.right.node) << 5, kNodeMask, false};
+    }
+    if (host) filters[count++] = {protocol::EmergencyStop::id & kNodeMask, kNodeMask, false};
+    return bus.set_filters({filters.data(), count});
+}
+
+void print_duration(const char* name, const task::DurationHistogram& h) {
+    const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
+    std::printf("%-16s median %7.1f   99 %% %7.1f   99.9 %% %7.1f   longest %7.1f us\n", name,
+                us(h.quantile_ns(0.5)), us(h.quantile_ns(0.99)), us(h.quantile_ns(0.999)),
+                us(h.largest_ns()));
+}
+
+void print_histogram(const char* name, const task::DurationHistogram& h) {
+    std::printf("%s, cycles per microsecond bin:", name);
+    for (std::size_t i = 0; i < task::DurationHistogram::kBins; ++i) {
+        if (h.count(i) > 0) std::printf(" %zu:%llu", i, static_cast<unsigned long long>(h.count(i)));
+    }
+    std::printf("\n");
+}
+
+void print_statistics(const task::LoopStatistics& statistics) {
+    std::printf("cycles %llu, missed %llu\n", static_cast<unsigned long long>(statistics.cycles),
+                static_cast<unsigned long long>(statistics.missed));
+    print_duration("wake-up latency", statistics.wake_latency);
+    print_duration("execution", statistics.execution);
+    print_duration("sending phase", statistics.send_phase);
+    print_histogram("wake-up latency", statistics.wake_latency);
+    print_histogram("sending phase", statistics.send_phase);
+}
+
+template <typename Line>
+bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line, int& status) {
+    if (result) {
+        line = std::move(result.value());
+        return true;
+    }
+    status = fail(result.error().exit_status(), result.error().message);
+    return false;
+}
+
+int run(const Options& options) {
+    const task::RobotFileResult file = task::read_robot_file(options.config);
+    for (const task::Diagnostic& problem : file.problems) {
+        std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
+    }
+    if (!file.robot) return kUsage;
+    model::RobotParameters parameters = file.robot->parameters;
+    const bool shared = options.host_can.empty() || options.host_can == options.can;
+    const std::string refusal = task::bus_refusal(task::bus_plan(parameters), parameters, shared);
+    if (!refusal.empty()) return fail(kUsage, refusal);
+
+    auto drive_bus = hal::SocketCanBus::open(options.can);
+    if (!drive_bus) return fail(drive_bus.error().exit_status(), drive_bus.error().message);
+    std::unique_ptr<hal::SocketCanBus> host_bus;
+    if (!shared) {
+        auto opened = hal::SocketCanBus::open(options.host_can);
+        if (!opened) return fail(opened.error().exit_status(), opened.error().message);
+        host_bus = std::move(opened.value());
+        set_filters(*host_bus, parameters, false, true);
+    }
+    set_filters(*drive_bus.value(), parameters, true, shared);
+
+    std::unique_ptr<hal::DigitalInput> stop_line;
+    std::unique_ptr<hal::DigitalOutput> enable_line;
+    const auto& lines = parameters.lines;
+    int status = kDone;
+    if (lines.emergency_stop >= 0) {
+        hal::LineOptions line;
+        line.chip = file.robot->lines_chip;
+        line.offset = static_cast<unsigned>(lines.emergency_stop);
+        line.active_low = lines.emergency_stop_active_low;
+        if (!take(hal::open_input(line), stop_line, status)) return status;
+    }
+    if (lines.drive_enable >= 0) {
+        hal::LineOptions line;
+        line.chip = file.robot->lines_chip;
+        line.offset = static_cast<unsigned>(lines.drive_enable);
+        line.active_low = lines.drive_enable_active_low;
+        if (!take(hal::open_output(line), enable_line, status)) return status;
+    }
+
+    drivers::DriveSlot left_slot;
+    drivers::DriveSlot right_slot;
+    drivers::MotorDrive* left = drivers::make_drive(left_slot, parameters, drivers::Wheel::left);
+    drivers::MotorDrive* right = drivers::make_drive(right_slot, parameters, drivers::Wheel::right);
+    if (left == nullptr || right == nullptr) {
+        return fail(kUsage, options.config + ": drive.generation: no such motor drive");
+    }
+
+    task::SaveMailbox mailbox;
+    const auto cycle = std::make_unique<task::Cycle>(
+        parameters, mailbox,
+        task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right, stop_line.get(), enable_line.get()});
+    const auto statistics = std::make_unique<task::LoopStatistics>();
+
+    block_signals(true);
+    const task::Saver saver(options.config, mailbox);
+
+    hal::RealtimeOptions realtime;
+    realtime.priority = parameters.realtime.priority;
+    if (parameters.realtime.cpu >= 0) realtime.cpu = parameters.realtime.cpu;
+    const auto refused = hal::become_realtime(realtime);
+    for (const hal::Refusal& one : refused) {
+        std::fprintf(stderr, "wheelwrightd: %s\n", one.sentence().c_str());
+    }
+    if (!refused.empty() && !options.allow_soft_realtime) {
+        return fail(
+            kMachineLacks,
+            "without these the 1 kHz cycle cannot be promised; --allow-soft-realtime runs all the same");
+    }
+
+    running_cycle = cycle.get();
+    catch_signals();
+    block_signals(false);
+    std::printf("wheelwrightd: running on %s\n", options.can.c_str());
+    std::fflush(stdout);
+    hal::MonotonicClock clock;
+    task::run_cycles(*cycle, clock, *statistics,
+                     static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s));
+    running_cycle = nullptr;
+    if (options.statistics) print_statistics(*statistics);
+    return kDone;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    Options options;
+    CLI::App program{"The firmware of a differential-drive robot: drives it over CAN at 1 kHz."};
+    program.name("wheelwrightd");
+    program.footer(
+        "Ends on SIGTERM or Ctrl-C: the robot brakes, the drives go idle.\n"
+        "Exit status: 0 done; 1 usage or configuration; 4 the machine lacks something (no CAN, no "
+        "permission).");
+    program.add_option("--config", options.config, "Robot file")->required();
+    program
+        .add_option("--can", options.can, "CAN interface of the drives, and of the host unless --host-can")
+        ->required();
+    program.add_option("--host-can", options.host_can, "CAN interface of the host, where it is another one");
+    program.add_flag("--allow-soft-realtime", options.allow_soft_realtime,
+                     "Run although the machine refuses what real time needs");
+    program.add_option("--duration", options.duration_s, "End as on SIGTERM after so many seconds");
+    program.add_flag("--statistics", options.statistics,
+                     "At the end, print latency, execution time and sending phase of the cycles");
+    try {
+        program.parse(argc, argv);
+    } catch (const CLI::ParseError& error) {
+        return program.exit(error) == 0 ? kDone : kUsage;
+    }
+    return run(options);
+}
