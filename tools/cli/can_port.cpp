@@ -1,9 +1,13 @@
 #include "tools/cli/can_port.hpp"
 
+#include <poll.h>
+
 #include <algorithm>
 #include <cerrno>
 #include <csignal>
+#include <cstdio>
 #include <ctime>
+#include <utility>
 
 namespace wheelwright::tools {
 namespace {
@@ -19,12 +23,17 @@ std::int64_t clock_ns(clockid_t clock) {
 }
 
 constexpr std::int64_t kPoll_ns = 500'000;
+constexpr std::int64_t kLongestPoll_ns = 100'000'000;
+constexpr std::int64_t kDownPause_ns = 50'000'000;
 constexpr std::int64_t kSendPatience_ns = 50'000'000;
 
 }  // namespace
 
-std::unique_ptr<hal::CanBus> open_can(const std::string& interface, std::string& error) {
-    error = "cannot open " + interface + ": this build has no CAN yet";
+std::unique_ptr<hal::SocketCanBus> open_can(const std::string& interface, int& exit_status) {
+    auto opened = hal::SocketCanBus::open(interface);
+    if (opened) return std::move(opened.value());
+    std::fprintf(stderr, "wheelwright: %s\n", opened.error().message.c_str());
+    exit_status = opened.error().exit_status();
     return nullptr;
 }
 
@@ -52,11 +61,21 @@ std::string send_frame(hal::CanBus& bus, const hal::CanFrame& frame) {
     }
 }
 
-bool receive_until(hal::CanBus& bus, hal::ReceivedFrame& out, std::int64_t deadline_ns) {
+bool receive_until(hal::SocketCanBus& bus, hal::ReceivedFrame& out, std::int64_t deadline_ns) {
     while (!interrupted()) {
-        if (bus.receive(out) == hal::CanStatus::ok) return true;
-        if (can_now_ns() >= deadline_ns) return false;
-        sleep_until(std::min(deadline_ns, can_now_ns() + kPoll_ns));
+        const hal::CanStatus status = bus.receive(out);
+        if (status == hal::CanStatus::ok) return true;
+        const std::int64_t left_ns = deadline_ns - can_now_ns();
+        if (left_ns <= 0) return false;
+        if (status == hal::CanStatus::bus_down) {
+            // poll() would return at once, again and again
+            sleep_until(can_now_ns() + std::min(left_ns, kDownPause_ns));
+            continue;
+        }
+        const std::int64_t wait_ns = std::min(left_ns, kLongestPoll_ns);
+        const timespec wait{0, wait_ns};
+        pollfd ready{bus.descriptor(), POLLIN, 0};
+        ::ppoll(&ready, 1, &wait, nullptr);
     }
     return false;
 }
@@ -74,8 +93,7 @@ void sleep_until(std::int64_t deadline_ns) {
     timespec until{};
     until.tv_sec = deadline_ns / 1'000'000'000;
     until.tv_nsec = deadline_ns % 1'000'000'000;
-    while (!interrupted() &&
-           ::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
+    while (!interrupted() && ::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
     }
 }
 

@@ -5,12 +5,13 @@
 #include <memory>
 #include <string>
 
-#include "hal/can_bus.hpp"
+#include "hal/linux/socketcan_bus.hpp"
 
 namespace wheelwright::tools {
 
-// Opens a SocketCAN interface. On failure returns nothing, and `error` is one sentence saying what to do.
-std::unique_ptr<hal::CanBus> open_can(const std::string& interface, std::string& error);
+// Opens a SocketCAN interface. On failure returns nothing, says why and what to do on standard error, and
+// sets the exit status.
+std::unique_ptr<hal::SocketCanBus> open_can(const std::string& interface, int& exit_status);
 
 // The clock of the received frames' timestamps, and what to add to them for wall-clock time.
 std::int64_t can_now_ns();
@@ -20,7 +21,7 @@ std::int64_t wall_clock_offset_ns();
 std::string send_frame(hal::CanBus& bus, const hal::CanFrame& frame);
 
 // Waits for the next frame until `deadline_ns` on can_now_ns(). False: none came, or Ctrl-C.
-bool receive_until(hal::CanBus& bus, hal::ReceivedFrame& out, std::int64_t deadline_ns);
+bool receive_until(hal::SocketCanBus& bus, hal::ReceivedFrame& out, std::int64_t deadline_ns);
 
 // From the first call of catch_interrupt() on, Ctrl-C and SIGTERM end waiting instead of the program.
 void catch_interrupt();

@@ -60,14 +60,14 @@ class Link {
   public:
     explicit Link(const Options& options) : options_(options) {}
 
-    bool open() {
-        std::string error;
-        bus_ = open_can(options_.interface, error);
-        if (bus_ == nullptr) complain(kMachineLacks, error);
+    // kDone, or the exit status.
+    int open() {
+        int status = kDone;
+        bus_ = open_can(options_.interface, status);
         first_alive_ = static_cast<std::uint8_t>(
             options_.alive >= 0 ? options_.alive
                                 : (can_now_ns() / kAliveSlot_ns) % std::int64_t{protocol::alive_count});
-        return bus_ != nullptr;
+        return status;
     }
 
     // Of another call of this program within the same slot the firmware would refuse the counter.
@@ -117,7 +117,7 @@ class Link {
     }
 
     const Options& options_;
-    std::unique_ptr<hal::CanBus> bus_;
+    std::unique_ptr<hal::SocketCanBus> bus_;
     std::uint8_t first_alive_ = 0;
     std::vector<std::pair<std::string, std::uint8_t>> alive_;
 };
@@ -180,7 +180,7 @@ int send_mode(const Options& options, protocol::Mode mode) {
     if (options.print) return print_frames(options, {command});
     catch_interrupt();
     Link link(options);
-    if (!link.open()) return kMachineLacks;
+    if (const int status = link.open(); status != kDone) return status;
     link.forget_received();
     if (const int status = link.send(command); status != kDone) return status;
     const int result = options.no_wait ? static_cast<int>(kDone) : await_state(link, mode);
@@ -203,7 +203,7 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
 
     catch_interrupt();
     Link link(options);
-    if (!link.open()) return kMachineLacks;
+    if (const int status = link.open(); status != kDone) return status;
     const std::int64_t begin_ns = can_now_ns();
     const std::int64_t end_ns =
         options.for_s > 0 ? begin_ns + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
@@ -282,7 +282,7 @@ int run_parameter(const Options& options, protocol::ParameterOperation operation
     }
     catch_interrupt();
     Link link(options);
-    if (!link.open()) return kMachineLacks;
+    if (const int status = link.open(); status != kDone) return status;
     int status = kDone;
     const auto run_one = [&](ParameterOperation what) {
         link.forget_received();
@@ -491,7 +491,7 @@ void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
             if (options->print) return print_frames(*options, commands);
             catch_interrupt();
             Link link(*options);
-            if (!link.open()) return static_cast<int>(kMachineLacks);
+            if (const int status = link.open(); status != kDone) return status;
             if (const int status = link.send(commands.front()); status != kDone) return status;
             return options->no_wait ? static_cast<int>(kDone) : await_state(link, protocol::Mode::fault);
         };
@@ -503,7 +503,7 @@ void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
             if (options->print) return print_frames(*options, commands);
             catch_interrupt();
             Link link(*options);
-            if (!link.open()) return static_cast<int>(kMachineLacks);
+            if (const int status = link.open(); status != kDone) return status;
             link.forget_received();
             if (const int status = link.send(commands.front()); status != kDone) return status;
             const int result =

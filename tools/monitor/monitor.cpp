@@ -98,12 +98,9 @@ int watch_log(const Options& options) {
 }
 
 int watch_bus(const Options& options) {
-    std::string error;
-    const std::unique_ptr<hal::CanBus> bus = open_can(options.interface, error);
-    if (bus == nullptr) {
-        std::fprintf(stderr, "wheelwright monitor: %s\n", error.c_str());
-        return kMachineLacks;
-    }
+    int status = kDone;
+    const std::unique_ptr<hal::SocketCanBus> bus = open_can(options.interface, status);
+    if (bus == nullptr) return status;
     catch_interrupt();
     const bool terminal = ::isatty(STDOUT_FILENO) == 1 && !options.all;
     const std::int64_t end_ns = options.for_s > 0 ? can_now_ns() + nanoseconds(options.for_s) : INT64_MAX;

@@ -24,12 +24,9 @@ struct CloseFile {
 };
 
 int record(const Options& options) {
-    std::string error;
-    const std::unique_ptr<hal::CanBus> bus = open_can(options.interface, error);
-    if (bus == nullptr) {
-        std::fprintf(stderr, "wheelwright record: %s\n", error.c_str());
-        return kMachineLacks;
-    }
+    int status = kDone;
+    const std::unique_ptr<hal::SocketCanBus> bus = open_can(options.interface, status);
+    if (bus == nullptr) return status;
     const std::unique_ptr<std::FILE, CloseFile> file(
         options.out == "-" ? stdout : std::fopen(options.out.c_str(), "wxe"));
     if (file == nullptr) {
