@@ -29,7 +29,7 @@ struct ExcitationOptions {
     Real speed_limit_m_per_s{};
     Real yaw_rate_limit_rad_per_s{};
     Real distance_limit_m{};
-    Real reaction_time_s = Real(0.008);  // measurement, actuation and drive until an override is felt
+    Real reaction_time_s = Real(0.01);  // measurement, actuation and drive until an override is felt
 };
 
 template <typename Real>

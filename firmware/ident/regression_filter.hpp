@@ -78,7 +78,7 @@ class RegressionFilter {
         inverse_block_ = Real(1) / static_cast<Real>(block_);
         const double m = block_;
         row_scale_ = static_cast<Real>(1 / (m * (m * dt) * (m * dt)));
-        speed_scale_ = static_cast<Real>(1 / (4 * dt));
+        speed_scale_ = static_cast<Real>(1 / (kSpeedSpan * dt));
         weight_scale_ = Real(1) / static_cast<Real>(2 * block_ * block_);
         radius_ = {static_cast<Real>(options.geometry.wheel_radius_m.left),
                    static_cast<Real>(options.geometry.wheel_radius_m.right)};
@@ -124,11 +124,11 @@ class RegressionFilter {
         angle_[now % kAngles] = sample.angle_rad;
         torque_[now % kTorques] = sample.last_torque_Nm;
         if (warm_up_ < kTorques) ++warm_up_;
-        if (warm_up_ <= kSpeedSpan) return false;
+        if (warm_up_ <= kSpeedSpan + 1) return false;
 
         // speed two samples ago; everything else three samples ago, between the speeds before and after
-        const WheelPair<double>& newest = sample.angle_rad;
-        const WheelPair<double>& oldest = angle_[(now - kSpeedSpan) % kAngles];
+        const WheelPair<double>& newest = angle_[(now - 1) % kAngles];
+        const WheelPair<double>& oldest = angle_[(now - 1 - kSpeedSpan) % kAngles];
         speed_[0] = speed_[1];
         speed_[1] = speed_[2];
         speed_[2] = {static_cast<Real>(newest.left - oldest.left) * speed_scale_,
@@ -144,7 +144,7 @@ class RegressionFilter {
     const RegressionFilterOptions<Real>& options() const { return options_; }
 
   private:
-    static constexpr unsigned kSpeedSpan = 4;
+    static constexpr unsigned kSpeedSpan = 2;
     static constexpr unsigned kAngles = 8;
     static constexpr unsigned kTorques = 32;
     static constexpr double kMinimumDelay = -2;
@@ -170,7 +170,9 @@ class RegressionFilter {
     }
 
     bool take_instant(unsigned now, Real heading_rad) {
-        const WheelPair<Real>& speed = speed_[1];
+        // twice the span, half the noise: for everything but the signs, which must not miss a short reversal
+        const WheelPair<Real> speed{(speed_[0].left + speed_[2].left) / 2,
+                                    (speed_[0].right + speed_[2].right) / 2};
         Signals g{};
         fill_signals(now, heading_rad, speed, g);
 

@@ -1,5 +1,6 @@
 #include <cmath>
 #include <cstdio>
+#include <vector>
 
 #include <Eigen/Dense>
 
@@ -80,6 +81,44 @@ TEST(Table1, intervals_are_honest_under_noise) {
         CHECK(std::sqrt(square[i]) > 0.8 && std::sqrt(square[i]) < 1.25);
         CHECK(covered[i] >= 88 && covered[i] <= 99);
     }
+}
+
+// Why coloured_errors.hpp does not use a lag window: the Bartlett window (Newey and West 1987) leaks power
+// into the null at frequency zero that differencing makes.
+TEST(Table1, a_lag_window_would_be_far_too_careful_about_slow_regressors) {
+    constexpr int kSeeds = 20;
+    constexpr std::size_t kLags = 8;
+    double ours = 0;
+    double window = 0;
+    for (unsigned seed = 1; seed <= kSeeds; ++seed) {
+        const Table1Result r = run_table1({.seed = seed, .speed_noise = 0.01, .keep_rows = true});
+        const auto& rows = r.rows[0];
+        wheelwright::test::BatchQr<2> batch;
+        for (const Table1Row& row : rows) batch.add(row.phi, row.y);
+        const Eigen::Vector2d theta = batch.solve();
+        std::vector<Eigen::Vector2d> score;
+        for (const Table1Row& row : rows) {
+            const Eigen::Vector2d phi(row.phi[0], row.phi[1]);
+            score.emplace_back(phi * (row.y - phi.dot(theta)));
+        }
+        Eigen::Matrix2d middle = Eigen::Matrix2d::Zero();
+        for (std::size_t t = 0; t < score.size(); ++t) {
+            middle += score[t] * score[t].transpose();
+            for (std::size_t lag = 1; lag <= std::min(kLags, t); ++lag) {
+                const double weight = 1 - static_cast<double>(lag) / (kLags + 1);
+                middle +=
+                    weight * (score[t] * score[t - lag].transpose() + score[t - lag] * score[t].transpose());
+            }
+        }
+        const Eigen::Matrix2d p = batch.covariance();
+        const double error = r.estimate[0] - kTable1Truth[0];
+        ours += std::pow(error / r.standard_error[0], 2) / kSeeds;
+        window += error * error / (p * middle * p)(0, 0) / kSeeds;
+    }
+    std::printf("\n  K5, sensor noise only: rms z %.2f, with a Bartlett window of 8 lags %.2f\n",
+                std::sqrt(ours), std::sqrt(window));
+    CHECK(std::sqrt(window) < 0.4);
+    CHECK(std::sqrt(ours) > 0.6 && std::sqrt(ours) < 1.4);
 }
 
 TEST(Table1, the_same_seed_gives_the_same_numbers) {

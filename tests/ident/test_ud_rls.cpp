@@ -102,7 +102,8 @@ TEST(RecursiveLeastSquares, in_float_stays_near_batch_where_the_textbook_form_fa
         CHECK(worst < 1e-3);
         CHECK(recursive.variance(0) > 0 && recursive.variance(1) > 0);
         CHECK(lost_at >= 0 && lost_at < 100);
-        CHECK(!(textbook_worst < 0.1));
+        // at 30 the textbook form limps on with a covariance that is no covariance; beyond, it is lost
+        if (wanted_condition > 100) CHECK(!(textbook_worst < 0.1));
     }
 }
 
@@ -159,16 +160,17 @@ TEST_GROUP(ForgettingAndBounds) {
     static constexpr double kBefore = 6.74245;
     static constexpr double kAfter = kBefore / 1.3;
     static constexpr double kK6 = -1.2356;
-    static constexpr int kSamples = 4000;
+    static constexpr int kBeforeSamples = 4000;
+    static constexpr int kAfterSamples = 600;
 
     template <typename Update>
     static void spin(Update && update) {
         wheelwright::ident::Prbs torque({17, 14}, 9, 5);
         std::mt19937_64 random(4);
         std::normal_distribution<double> normal;
-        for (int k = 0; k < 2 * kSamples; ++k) {
+        for (int k = 0; k < kBeforeSamples + kAfterSamples; ++k) {
             const double tau = 2 * torque.next();
-            update(0.0, tau, (k < kSamples ? kBefore : kAfter) * tau + 0.2 * normal(random));
+            update(0.0, tau, (k < kBeforeSamples ? kBefore : kAfter) * tau + 0.2 * normal(random));
         }
     }
 };
@@ -212,7 +214,7 @@ TEST(ForgettingAndBounds, trace_scaling_would_freeze_the_excited_parameter) {
     });
     const double off = rls.theta[1] / kAfter - 1;
     std::printf("\n  trace scaling: K8 %.0f %% off after the change\n", 100 * off);
-    CHECK(off > 0.12);
+    CHECK(off > 0.2);
 }
 
 TEST(ForgettingAndBounds, covariance_stays_positive_and_bounded_in_float_for_ever) {
