@@ -16,7 +16,7 @@ namespace wheelwright::control {
 enum class PathKind : std::uint8_t {
     figure_eight,  // Gerono's lemniscate, as Fig. 20: x = length/2 sin p, y = width/2 sin 2p, p = 2 pi t /
                    // period
-    line,          // length_m forward along x in period_s, then at rest
+    line,          // length_m forward along x in period_s, then at rest (the end is as smooth as the start)
     circle,        // to the left with diameter length_m (to the right if negative), a lap in period_s
     spin,          // in place, one turn in period_s (counter-clockwise; negative length_m: clockwise)
 };
@@ -25,10 +25,10 @@ template <typename Real>
 struct PathSettings {
     PathKind kind = PathKind::figure_eight;
     Real length_m{};
-    Real width_m{};     // figure_eight only
-    Real period_s{};    // > 0
-    Real ramp_s{};      // the path's own time starts smoothly over this time; 0: at full speed at once.
-                        // During the ramp the path runs at half its mean pace, so it ends ramp_s / 2 late.
+    Real width_m{};   // figure_eight only
+    Real period_s{};  // > 0
+    Real ramp_s{};    // the path's own time starts smoothly over this time; 0: at full speed at once.
+                    // During the ramp the path runs at half its mean pace: afterwards it is ramp_s / 2 late.
     Pose<Real> origin;  // where the path's frame lies
 };
 
@@ -53,23 +53,31 @@ Real whole(Real number) {
 template <typename Real>
 ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
     constexpr Real two_pi = Real(6.283185307179586476925286766559);
-    // Path time s(t) with rates s1, s2: a half cosine from rest to the pace of the clock.
-    Real s = std::max(time_s, Real(0));
-    Real s1 = time_s < 0 ? Real(0) : Real(1);
+    // Path time s(t) with rates s1, s2: a half cosine from rest to the pace of the clock. A line ends as it
+    // begins, its second half is the first one backwards.
+    const Real ramp_s = path.kind == PathKind::line ? std::min(path.ramp_s, path.period_s) : path.ramp_s;
+    const Real whole_line_s = path.period_s + ramp_s;
+    const bool from_end = path.kind == PathKind::line && time_s > whole_line_s / 2;
+    const Real since_s = from_end ? whole_line_s - time_s : time_s;
+    Real s = std::max(since_s, Real(0));
+    Real s1 = since_s < 0 ? Real(0) : Real(1);
     Real s2 = 0;
-    if (path.ramp_s > 0) {
-        if (s < path.ramp_s) {
-            const Real w = two_pi / (2 * path.ramp_s);
+    if (ramp_s > 0) {
+        if (s < ramp_s) {
+            const Real w = two_pi / (2 * ramp_s);
             const Real sine = std::sin(w * s);
-            const Real cosine = std::cos(w * s);
-            if (time_s >= 0) {
-                s1 = (1 - cosine) / 2;
+            if (since_s >= 0) {
+                s1 = (1 - std::cos(w * s)) / 2;
                 s2 = w * sine / 2;
             }
             s = s / 2 - sine / (2 * w);
         } else {
-            s -= path.ramp_s / 2;
+            s -= ramp_s / 2;
         }
+    }
+    if (from_end) {
+        s = path.period_s - s;
+        s2 = -s2;
     }
     ReferencePoint<Real> local;
     switch (path.kind) {
@@ -100,10 +108,9 @@ ReferencePoint<Real> path_point(const PathSettings<Real>& path, Real time_s) {
         }
         case PathKind::line: {
             const Real speed = path.length_m / path.period_s;
-            const bool under_way = s < path.period_s;
-            local.pose = {speed * std::min(s, path.period_s), 0, 0};
-            local.twist = {under_way ? speed * s1 : Real(0), 0};
-            local.rate = {under_way ? speed * s2 : Real(0), 0};
+            local.pose = {speed * s, 0, 0};
+            local.twist = {speed * s1, 0};
+            local.rate = {speed * s2, 0};
             break;
         }
         case PathKind::circle: {

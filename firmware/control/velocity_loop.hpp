@@ -53,11 +53,12 @@ class VelocityLoop {
         settings_ = settings;
     }
 
-    // Starts from the torque now at the wheels, without a bump: with the reference at the present speed the
-    // first update returns this torque. Move the reference away from there by a rate limiter, or step it.
+    // Starts from the torque now at the wheels, without a bump: with the reference at the present speed (zero
+    // at rest) the first update returns this torque. Move the reference away from there by a rate limiter, or
+    // step it. At rest, noise of the measured speed counts as rest.
     void start(const PlantModel<Real>& plant, const model::Motion<Real>& measured,
                const WheelPair<Real>& torque_Nm) {
-        const TwistRate<Real> nu = linearised_acceleration(plant, measured, measured.twist, torque_Nm);
+        const TwistRate<Real> nu = linearised_acceleration(plant, measured, Twist<Real>{}, torque_Nm);
         const LoopGains<Real>& g = settings_.gains;
         integral_.v_m_per_s2 =
             nu.v_m_per_s2 - proportional(g, measured.twist.v_m_per_s, Real(0), measured.twist.v_m_per_s);

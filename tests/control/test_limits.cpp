@@ -1,0 +1,140 @@
+// Limits, judged by checkers that know the limits and nothing of the method.
+#include <cmath>
+#include <cstdio>
+
+#include "firmware/control/limits.hpp"
+#include "tests/control/bench_robot.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::control;
+
+namespace {
+
+double pick(bench::Noise& noise, double size) {
+    // dense near zero and near the limit, both signs
+    const double choice = noise.uniform();
+    const double sign = noise.uniform() < 0.5 ? -1 : 1;
+    if (choice < 0.1) return 0;
+    if (choice < 0.2) return sign * size;
+    if (choice < 0.3) return sign * size * (1 + 1e-9);
+    return sign * size * 3 * noise.uniform();
+}
+
+}  // namespace
+
+TEST_GROUP(Limits){};
+
+TEST(Limits, JointScalingKeepsTheCurvatureAndTheLimitsAndEnlargesNothing) {
+    bench::Noise noise(11);
+    for (int i = 0; i < 20'000; ++i) {
+        const double v_limit = 0.7, w_limit = 2.3;
+        const Twist<double> wanted{pick(noise, v_limit), pick(noise, w_limit)};
+        LimiterFlags flags;
+        const auto got = scale_jointly(wanted, v_limit, w_limit, flags);
+        CHECK(std::abs(got.v_m_per_s) <= v_limit && std::abs(got.omega_rad_per_s) <= w_limit);
+        DOUBLES_EQUAL(0, got.v_m_per_s * wanted.omega_rad_per_s - got.omega_rad_per_s * wanted.v_m_per_s,
+                      1e-12);
+        CHECK(got.v_m_per_s * wanted.v_m_per_s >= 0 && got.omega_rad_per_s * wanted.omega_rad_per_s >= 0);
+        CHECK(std::abs(got.v_m_per_s) <= std::abs(wanted.v_m_per_s));
+        const bool inside =
+            std::abs(wanted.v_m_per_s) <= v_limit && std::abs(wanted.omega_rad_per_s) <= w_limit;
+        CHECK_EQUAL(!inside, flags.bits != 0);
+        if (!inside) {  // one of the two is at its limit
+            CHECK(std::abs(std::abs(got.v_m_per_s) - v_limit) < 1e-12 ||
+                  std::abs(std::abs(got.omega_rad_per_s) - w_limit) < 1e-12);
+        }
+    }
+}
+
+TEST(Limits, TorquesStayInTheBoxTurningHasPriorityAndTheSumKeepsItsShare) {
+    bench::Noise noise(12);
+    const double limit = 5;
+    for (int i = 0; i < 20'000; ++i) {
+        const WheelPair<double> wanted{pick(noise, limit), pick(noise, limit)};
+        LimiterFlags flags;
+        const auto got = limit_torque(wanted, limit, flags);
+        CHECK(std::abs(got.left) <= limit && std::abs(got.right) <= limit);
+        const bool inside = std::abs(wanted.left) <= limit && std::abs(wanted.right) <= limit;
+        CHECK_EQUAL(!inside, flags.bits != 0);
+        const double sum = got.sum(), difference = got.difference();
+        CHECK(sum * wanted.sum() >= -1e-12 && difference * wanted.difference() >= -1e-12);
+        CHECK(std::abs(sum) <= std::abs(wanted.sum()) + 1e-12);
+        CHECK(std::abs(difference) <= std::abs(wanted.difference()) + 1e-12);
+        if (!flags.has(Limiter::torque_sum)) DOUBLES_EQUAL(wanted.sum(), sum, 1e-12);
+        if (!flags.has(Limiter::torque_difference)) DOUBLES_EQUAL(wanted.difference(), difference, 1e-12);
+        if (inside) {
+            CHECK(got.left == wanted.left && got.right == wanted.right);
+        } else {
+            DOUBLES_EQUAL(2 * limit, std::abs(sum) + std::abs(difference), 1e-9);  // nothing is given away
+            if (std::abs(wanted.sum()) >= 3) CHECK(std::abs(sum) >= 3 - 1e-12);    // 30 % of 10 Nm
+            if (std::abs(wanted.difference()) <= 7) {
+                DOUBLES_EQUAL(wanted.difference(), difference, 1e-12);
+            }
+        }
+    }
+}
+
+TEST(Limits, TheRateLimiterObeysInAllFourQuadrantsOfSpeedAndAcceleration) {
+    bench::Noise noise(13);
+    const double a = 1.7, alpha = 9.1, dt = 1e-3;
+    TwistRateLimiter<double> limiter;
+    limiter.configure(a, alpha);
+    limiter.reset({0.3, -0.4});
+    int quadrant[4] = {0, 0, 0, 0};
+    for (int target = 0; target < 400; ++target) {
+        const Twist<double> wanted{pick(noise, 1.1), pick(noise, 3.0)};
+        const Twist<double> start = limiter.now();
+        const double needed = std::max(std::abs(wanted.v_m_per_s - start.v_m_per_s) / a,
+                                       std::abs(wanted.omega_rad_per_s - start.omega_rad_per_s) / alpha);
+        const int cycles = static_cast<int>(needed / dt) + 2;
+        for (int k = 0; k < cycles; ++k) {
+            const Twist<double> before = limiter.now();
+            LimiterFlags flags;
+            const Twist<double> now = limiter.step(wanted, dt, flags);
+            const double dv = now.v_m_per_s - before.v_m_per_s;
+            const double dw = now.omega_rad_per_s - before.omega_rad_per_s;
+            CHECK(std::abs(dv) <= a * dt * (1 + 1e-9) && std::abs(dw) <= alpha * dt * (1 + 1e-9));
+            // between the last command and the target
+            CHECK((now.v_m_per_s - before.v_m_per_s) * (wanted.v_m_per_s - now.v_m_per_s) >= -1e-18);
+            CHECK((now.omega_rad_per_s - before.omega_rad_per_s) *
+                      (wanted.omega_rad_per_s - now.omega_rad_per_s) >=
+                  -1e-18);
+            if (dv != 0) ++quadrant[(before.v_m_per_s > 0 ? 0 : 1) + (dv > 0 ? 0 : 2)];
+        }
+        DOUBLES_EQUAL(wanted.v_m_per_s, limiter.now().v_m_per_s,
+                      1e-12);  // there in time, and no sooner than allowed
+        DOUBLES_EQUAL(wanted.omega_rad_per_s, limiter.now().omega_rad_per_s, 1e-12);
+    }
+    for (const int count : quadrant) CHECK(count > 1000);
+}
+
+TEST(Limits, ATargetOfTheSameCurvatureIsReachedWithoutLeavingThePath) {
+    TwistRateLimiter<double> limiter;
+    limiter.configure(0.9, 31.0);
+    limiter.reset({-0.6, 0.9});
+    for (int k = 0; k < 3000; ++k) {
+        LimiterFlags flags;
+        const auto now = limiter.step({1.2, -1.8}, 1e-3, flags);
+        DOUBLES_EQUAL(0, now.omega_rad_per_s + 1.5 * now.v_m_per_s, 1e-12);
+    }
+}
+
+TEST(Limits, ALimitOfZeroOrLessMeansZeroAndNotUnlimited) {
+    LimiterFlags flags;
+    const auto torque = limit_torque(WheelPair<double>{3, -2}, -1.0, flags);
+    CHECK(torque.left == 0 && torque.right == 0);
+    const auto twist = scale_jointly(Twist<double>{3, -2}, 0.0, 1.0, flags);
+    CHECK(twist.v_m_per_s == 0 && twist.omega_rad_per_s == 0);
+}
+
+TEST(Limits, TheyHoldInSinglePrecisionToo) {
+    bench::Noise noise(14);
+    for (int i = 0; i < 5000; ++i) {
+        LimiterFlags flags;
+        const auto t =
+            limit_torque(WheelPair<float>{float(pick(noise, 5)), float(pick(noise, 5))}, 5.0F, flags);
+        CHECK(std::abs(t.left) <= 5.0F && std::abs(t.right) <= 5.0F);
+    }
+}

@@ -1,0 +1,188 @@
+#include "firmware/control/wheel_observer.hpp"
+
+#include <cmath>
+#include <cstdio>
+
+#include "tests/control/inner_loop.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::control;
+
+namespace {
+
+template <typename Real>
+struct Rig {
+    PlantModel<Real> model;
+    WheelObserver<Real> observer;
+    bench::Robot robot;
+
+    Rig(const model::RobotParameters& parameters, const bench::Truth& truth, std::uint64_t seed)
+        : model(plant_model<Real>(parameters)), robot(truth, seed) {
+        observer.configure(wheel_observer_settings<Real>(parameters, Real(1e-3)));
+    }
+
+    void cycle(double left_Nm, double right_Nm) {
+        observer.torque_sent({Real(left_Nm), Real(right_Nm)});
+        robot.cycle(left_Nm, right_Nm);
+        observer.update(robot.now_ns(), {robot.left.position_rad, robot.speed_left(), robot.left.time_ns},
+                        {robot.right.position_rad, robot.speed_right(), robot.right.time_ns}, model);
+    }
+};
+
+bench::Truth matching(const model::RobotParameters& parameters) {
+    bench::Truth truth;
+    truth.transport_s = parameters.velocity_loop.actuation_delay_s - truth.lag_s;
+    return truth;
+}
+
+}  // namespace
+
+TEST_GROUP(WheelObserver){};
+
+TEST(WheelObserver, FollowsAShakenRobotWithoutLagThoughTheWheelsAreSampledAtDifferentTimes) {
+    const auto parameters = bench::notes_robot();
+    Rig<double> rig(parameters, matching(parameters), 2);
+    double off = 0, size = 0, worst_angle = 0;
+    for (int k = 0; k < 3000; ++k) {
+        const double t = 1e-3 * k;
+        rig.cycle(1.5 * std::sin(30 * t) + 0.2, 1.1 * std::sin(37 * t + 1) - 0.1);
+        if (k < 500) continue;
+        const double error = rig.observer.motion().wheel_speed_rad_per_s.left - rig.robot.speed_left();
+        off += error * error;
+        size += rig.robot.speed_left() * rig.robot.speed_left();
+        worst_angle = std::max(worst_angle,
+                               std::abs(rig.observer.motion().wheel_angle_rad.right - rig.robot.wheel_right));
+    }
+    off = std::sqrt(off / 2500);
+    size = std::sqrt(size / 2500);
+    std::printf("\n  speed: rms %.2f rad/s, error rms %.4f rad/s; largest angle error %.2f mrad\n", size, off,
+                1e3 * worst_angle);
+    CHECK(off < 0.01 * size);
+    CHECK(off < 0.03);
+    CHECK(worst_angle < 5e-3);  // the frames' age at the largest speed
+}
+
+TEST(WheelObserver, FrictionItDoesNotKnowLeavesNoBias) {
+    const auto parameters = bench::notes_robot();  // knows none
+    auto truth = matching(parameters);
+    truth.coulomb_left_Nm = 0.3;
+    truth.coulomb_right_Nm = 0.2;
+    truth.encoder_noise_rad = 0;
+    Rig<double> rig(parameters, truth, 3);
+    double bias = 0;
+    for (int k = 0; k < 1000; ++k) {
+        rig.cycle(0.45, 0.38);
+        if (k >= 500)
+            bias += (rig.observer.motion().wheel_speed_rad_per_s.left - rig.robot.speed_left()) / 500;
+    }
+    std::printf("\n  bias %.4f rad/s at %.1f rad/s\n", bias, rig.robot.speed_left());
+    CHECK(std::abs(bias) < 0.005);
+}
+
+TEST(WheelObserver, AStuckWheelIsSeenAtRestUnderTorqueBelowItsFriction) {
+    auto parameters = bench::notes_robot();
+    bench::set_coulomb(parameters, 0.3, 0.3);
+    auto truth = matching(parameters);
+    truth.coulomb_left_Nm = truth.coulomb_right_Nm = 0.3;
+    Rig<double> rig(parameters, truth, 4);
+    double worst = 0;
+    for (int k = 0; k < 1000; ++k) {
+        rig.cycle(k % 100 < 50 ? 0.25 : -0.25, 0.2);
+        if (k > 50) worst = std::max(worst, std::abs(rig.observer.motion().wheel_speed_rad_per_s.left));
+    }
+    std::printf("\n  largest speed seen at rest: %.4f rad/s\n", worst);
+    CHECK(worst < 0.1);
+    DOUBLES_EQUAL(0, rig.robot.wheel_left, 1e-8);
+}
+
+TEST(WheelObserver, TheTurnsAddUpToTheEncodersAngleInSinglePrecisionToo) {
+    const auto parameters = bench::notes_robot();
+    Rig<float> rig(parameters, matching(parameters), 5);
+    double sum = 0;
+    double start = 0;
+    for (int k = 0; k < 20'000; ++k) {
+        rig.cycle(k < 900 ? 0.5 : 0.0, k < 900 ? 0.6 : 0.01);
+        if (k == 100) start = rig.robot.wheel_left;
+        if (k > 100) sum += double(rig.observer.turned_rad().left);
+    }
+    std::printf("\n  wheel turned %.3f rad, sum of turns %.3f rad\n", rig.robot.wheel_left - start, sum);
+    DOUBLES_EQUAL(rig.robot.wheel_left - start, sum, 5e-3);
+}
+
+TEST(WheelObserver, GivesBothAnglesAtOneInstantFromTheEncodersAlone) {
+    const auto parameters = bench::notes_robot();
+    auto truth = matching(parameters);
+    truth.filter_rad_per_s = 0;
+    truth.encoder_noise_rad = 0;
+    truth.quantised = false;
+    truth.frame_s = 0;
+    truth.frame_jitter_s = 0;
+    Rig<double> rig(parameters, truth, 6);
+    double worst = 0;
+    double past_left[4] = {0, 0, 0, 0};
+    double past_right[4] = {0, 0, 0, 0};
+    for (int k = 0; k < 500; ++k) {
+        rig.cycle(3 * std::sin(0.02 * k), 2 * std::cos(0.03 * k));
+        for (int i = 3; i > 0; --i) {
+            past_left[i] = past_left[i - 1];
+            past_right[i] = past_right[i - 1];
+        }
+        past_left[0] = rig.robot.wheel_left;
+        past_right[0] = rig.robot.wheel_right;
+        WheelPair<double> angles;
+        if (k < 10) continue;
+        CHECK(rig.observer.angles_at(rig.robot.now_ns() - 2'000'000, angles));
+        worst =
+            std::max({worst, std::abs(angles.left - past_left[2]), std::abs(angles.right - past_right[2])});
+    }
+    std::printf("\n  largest error of an angle at a common instant: %.2e rad (a count is 9.6e-5)\n", worst);
+    CHECK(worst < 2e-5);
+    WheelPair<double> angles;
+    CHECK_FALSE(rig.observer.angles_at(rig.robot.now_ns() + 1'000'000, angles));
+    CHECK_FALSE(rig.observer.angles_at(rig.robot.now_ns() - 50'000'000, angles));
+}
+
+TEST(WheelObserver, LateFramesDoNotShakeTheSpeed) {
+    const auto parameters = bench::notes_robot();
+    double noise[2];
+    for (const int jitter : {0, 1}) {
+        auto truth = matching(parameters);
+        truth.encoder_noise_rad = 0;
+        truth.frame_jitter_s = jitter * 0.25e-3;
+        Rig<double> rig(parameters, truth, 7);
+        double sum = 0;
+        for (int k = 0; k < 3000; ++k) {
+            rig.cycle(k < 700 ? 0.8 : 0, k < 700 ? 0.8 : 0);
+            if (k < 1000) continue;
+            const double error = rig.observer.motion().wheel_speed_rad_per_s.right - rig.robot.speed_right();
+            sum += error * error;
+        }
+        noise[jitter] = std::sqrt(sum / 2000);
+    }
+    std::printf("\n  speed error at 10 rad/s: %.4f rad/s, with 0.25 ms of jitter %.4f rad/s\n", noise[0],
+                noise[1]);
+    CHECK(noise[1] < 0.12);
+}
+
+TEST(WheelObserver, StartsAnewAfterAGapAndSurvivesMissedCycles) {
+    const auto parameters = bench::notes_robot();
+    Rig<double> rig(parameters, matching(parameters), 8);
+    CHECK_FALSE(rig.observer.valid());
+    for (int k = 0; k < 300; ++k) rig.cycle(1, 1);
+    CHECK(rig.observer.valid());
+    // three cycles missed: the torque stays what it was
+    for (int k = 0; k < 3; ++k) rig.robot.cycle(1, 1);
+    rig.cycle(1, 1);
+    DOUBLES_EQUAL(rig.robot.speed_left(), rig.observer.motion().wheel_speed_rad_per_s.left, 0.1);
+    // a quarter of a second without frames
+    for (int k = 0; k < 250; ++k) {
+        rig.observer.torque_sent({0, 0});
+        rig.robot.cycle(-1, -1);
+        rig.observer.update(rig.robot.now_ns(), {}, {}, rig.model);
+    }
+    for (int k = 0; k < 40; ++k) rig.cycle(0, 0);
+    DOUBLES_EQUAL(rig.robot.speed_left(), rig.observer.motion().wheel_speed_rad_per_s.left, 0.2);
+    DOUBLES_EQUAL(rig.robot.wheel_left, rig.observer.motion().wheel_angle_rad.left, 5e-3);
+}
