@@ -1,10 +1,13 @@
 #include "tools/sim/simulation.hpp"
 
+#include <algorithm>
 #include <array>
+#include <stdexcept>
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
-#include "firmware/task/realtime_loop.hpp"
+#include "hal/linux/monotonic_clock.hpp"
+#include "hal/linux/socketcan_bus.hpp"
 #include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {
@@ -205,59 +208,141 @@ class Simulation::Log {
     std::array<Tap, 2> taps_{Tap{*this, "can0"}, Tap{*this, "can1"}};
 };
 
+// ---- machines -------------------------------------------------------------------------------------------
+
+class Simulation::VirtualMachine final : public Machine {
+  public:
+    VirtualMachine(const model::RobotParameters& parameters, const SimulationOptions& options)
+        : clock_(options.start_ns),
+          bus_(clock_, 3, bus_options(parameters.bus.bit_rate_bit_per_s, options.seed)) {
+        if (options.separate_host_bus) {
+            second_ = std::make_unique<sim::InProcessBus>(
+                clock_, 2, bus_options(parameters.bus.host_bit_rate_bit_per_s, options.seed + 1));
+        }
+        host_bus().set_filters({});  // the simulated host listens to nobody; taps see all
+    }
+    ~VirtualMachine() override { catch_up(); }
+
+    hal::Clock& clock() override { return clock_; }
+    hal::CanBus& firmware_bus() override { return bus_.endpoint(kFirmware); }
+    hal::CanBus* firmware_host_bus() override { return second_ == nullptr ? nullptr : &second_->endpoint(0); }
+    hal::CanBus& robot_bus() override { return bus_.endpoint(kRobot); }
+    hal::CanBus& host_bus() override {
+        return second_ == nullptr ? bus_.endpoint(kHost) : second_->endpoint(1);
+    }
+    void attach(sim::World& world) override {
+        robot_ = std::make_unique<sim::VirtualRobot>(clock_, bus_, bus_.endpoint(kRobot), world);
+    }
+    void log_to(Log& log);
+    void catch_up() {
+        bus_.catch_up();
+        if (second_ != nullptr) second_->catch_up();
+    }
+    sim::InProcessBus& bus() { return bus_; }
+
+  private:
+    sim::VirtualClock clock_;
+    sim::InProcessBus bus_;
+    std::unique_ptr<sim::InProcessBus> second_;
+    std::unique_ptr<sim::VirtualRobot> robot_;
+};
+
+void Simulation::VirtualMachine::log_to(Log& log) {
+    bus_.add_tap(log.tap(0));
+    if (second_ != nullptr) second_->add_tap(log.tap(1));
+}
+
+// Three sockets on one real interface. The robot lives in the time in which the firmware sleeps.
+class Simulation::RealMachine final : public Machine, private hal::Clock {
+  public:
+    explicit RealMachine(const std::string& interface)
+        : firmware_(open(interface)), robot_(open(interface)), host_(open(interface)) {
+        host_->set_filters({});
+    }
+
+    hal::Clock& clock() override { return *this; }
+    hal::CanBus& firmware_bus() override { return *firmware_; }
+    hal::CanBus* firmware_host_bus() override { return nullptr; }
+    hal::CanBus& robot_bus() override { return *robot_; }
+    hal::CanBus& host_bus() override { return *host_; }
+    void attach(sim::World& world) override { world_ = &world; }
+
+  private:
+    static std::unique_ptr<hal::SocketCanBus> open(const std::string& interface) {
+        auto opened = hal::SocketCanBus::open(interface);
+        if (!opened) throw std::runtime_error(opened.error().message);
+        return std::move(opened.value());
+    }
+
+    std::int64_t now_ns() const override { return clock_.now_ns(); }
+    void sleep_until_ns(std::int64_t deadline_ns) override {
+        while (world_ != nullptr) {
+            const std::int64_t now = clock_.now_ns();
+            world_->pump(now);
+            if (now >= deadline_ns) return;
+            clock_.sleep_until_ns(std::min(deadline_ns, std::max(world_->next_event_ns(), now + kGlance_ns)));
+        }
+        clock_.sleep_until_ns(deadline_ns);
+    }
+
+    static constexpr std::int64_t kGlance_ns = 50'000;
+
+    hal::MonotonicClock clock_;
+    std::unique_ptr<hal::SocketCanBus> firmware_;
+    std::unique_ptr<hal::SocketCanBus> robot_;
+    std::unique_ptr<hal::SocketCanBus> host_;
+    sim::World* world_ = nullptr;
+};
+
 // ---- simulation -----------------------------------------------------------------------------------------
 
 Simulation::Simulation(const model::RobotParameters& controller, const model::RobotParameters& truth,
                        const SimulationOptions& options)
-    : parameters_(controller),
-      start_ns_(options.start_ns),
-      clock_(options.start_ns),
-      bus_(clock_, 3, bus_options(controller.bus.bit_rate_bit_per_s, options.seed)),
-      stop_line_(clock_),
-      schedule_(options.start_ns + task::kCyclePeriod_ns) {
+    : parameters_(controller), start_ns_(0), schedule_(0) {
+    if (options.can_interface.empty()) {
+        auto machine = std::make_unique<VirtualMachine>(controller, options);
+        virtual_ = machine.get();
+        machine_ = std::move(machine);
+    } else {
+        machine_ = std::make_unique<RealMachine>(options.can_interface);
+    }
+    start_ns_ = machine_->clock().now_ns();
+    schedule_ = task::CycleSchedule(start_ns_ + task::kCyclePeriod_ns);
     sim::WorldOptions world = options.world;
     world.seed = options.seed;
-    world.start_ns = options.start_ns;
-    world_ = std::make_unique<sim::World>(truth, world, bus_.endpoint(kRobot));
-    robot_ = std::make_unique<sim::VirtualRobot>(clock_, bus_, bus_.endpoint(kRobot), *world_);
-
-    hal::CanBus* host_side = &bus_.endpoint(kHost);
-    hal::CanBus* firmware_host_side = nullptr;
-    if (options.separate_host_bus) {
-        host_bus_ = std::make_unique<sim::InProcessBus>(
-            clock_, 2, bus_options(controller.bus.host_bit_rate_bit_per_s, options.seed + 1));
-        firmware_host_side = &host_bus_->endpoint(0);
-        host_side = &host_bus_->endpoint(1);
-    }
-    host_side->set_filters({});  // the simulated host listens to nobody; taps see all
-    host_ = std::make_unique<SimulatedHost>(*host_side, *world_);
-
-    const task::CyclePorts ports{bus_.endpoint(kFirmware),
-                                 firmware_host_side,
+    world.start_ns = start_ns_;
+    world_ = std::make_unique<sim::World>(truth, world, machine_->robot_bus());
+    machine_->attach(*world_);
+    host_ = std::make_unique<SimulatedHost>(machine_->host_bus(), *world_);
+    stop_line_ = std::make_unique<sim::SimInput>(machine_->clock());
+    const task::CyclePorts ports{machine_->firmware_bus(),
+                                 machine_->firmware_host_bus(),
                                  *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
                                  *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
-                                 options.emergency_stop_line ? &stop_line_ : nullptr,
+                                 options.emergency_stop_line ? stop_line_.get() : nullptr,
                                  nullptr};
     cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
-    if (!options.log_path.empty()) {
+    if (!options.log_path.empty() && virtual_ != nullptr) {
         log_ = std::make_unique<Log>(options.log_path);
-        bus_.add_tap(log_->tap(0));
-        if (host_bus_ != nullptr) host_bus_->add_tap(log_->tap(1));
+        virtual_->log_to(*log_);
     }
 }
 
 Simulation::~Simulation() {
-    bus_.catch_up();
-    if (host_bus_ != nullptr) host_bus_->catch_up();
+    if (virtual_ != nullptr) virtual_->catch_up();  // the log outlives the last frame
+    machine_.reset();
 }
 
+sim::InProcessBus& Simulation::bus() { return virtual_->bus(); }
+
 void Simulation::step() {
-    clock_.sleep_until_ns(schedule_.next_deadline_ns());
-    host_->step(clock_.now_ns());
-    const task::CycleTime time = schedule_.begin(clock_.now_ns());
+    hal::Clock& clock = machine_->clock();
+    clock.sleep_until_ns(schedule_.next_deadline_ns());
+    host_->step(clock.now_ns());
+    const task::CycleTime time = schedule_.begin(clock.now_ns());
     cycle_->think(time);
-    clock_.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
-    cycle_->send(clock_.now_ns());
+    clock.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
+    cycle_->send(clock.now_ns());
     schedule_.end(0);
 }
 
@@ -280,7 +365,7 @@ bool Simulation::run_until(const std::function<bool()>& done, double at_most_s,
     return false;
 }
 
-double Simulation::time_s() const { return 1e-9 * static_cast<double>(clock_.now_ns() - start_ns_); }
+double Simulation::time_s() const { return 1e-9 * static_cast<double>(now_ns() - start_ns_); }
 
 bool Simulation::log_failed() const { return log_ != nullptr && log_->failed(); }
 

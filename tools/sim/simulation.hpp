@@ -90,11 +90,13 @@ struct SimulationOptions {
     std::int64_t start_ns = 1'000'000'000;
     bool separate_host_bus = false;
     bool emergency_stop_line = false;
-    std::string log_path;  // "": no log; otherwise candump -L of the drives' bus (and the host's, as can1)
+    std::string can_interface;  // "": virtual time; otherwise real time on this SocketCAN interface
+    std::string log_path;       // virtual time; "": no log; otherwise candump -L (a second bus as can1)
 };
 
 class Simulation {
   public:
+    // Throws std::runtime_error when the interface cannot be opened.
     Simulation(const model::RobotParameters& controller, const model::RobotParameters& truth,
                const SimulationOptions& options);
     ~Simulation();
@@ -109,31 +111,43 @@ class Simulation {
     void step();
 
     double time_s() const;  // since the start
-    std::int64_t now_ns() const { return clock_.now_ns(); }
+    std::int64_t now_ns() const { return machine_->clock().now_ns(); }
 
     task::Cycle& cycle() { return *cycle_; }
     const task::Cycle& cycle() const { return *cycle_; }
     model::RobotParameters& parameters() { return parameters_; }
     sim::World& world() { return *world_; }
     SimulatedHost& host() { return *host_; }
-    sim::InProcessBus& bus() { return bus_; }
-    sim::SimInput& emergency_stop() { return stop_line_; }
+    sim::InProcessBus& bus();  // virtual time only
+    sim::SimInput& emergency_stop() { return *stop_line_; }
     task::SaveMailbox& mailbox() { return mailbox_; }
     bool log_failed() const;
 
   private:
     class Log;
+    // What firmware, robot and host meet on: clock and buses.
+    class Machine {
+      public:
+        virtual ~Machine() = default;
+        virtual hal::Clock& clock() = 0;
+        virtual hal::CanBus& firmware_bus() = 0;
+        virtual hal::CanBus* firmware_host_bus() = 0;  // null: shared
+        virtual hal::CanBus& robot_bus() = 0;
+        virtual hal::CanBus& host_bus() = 0;
+        virtual void attach(
+            sim::World& world) = 0;  // the world then lives while somebody sleeps on the clock
+    };
+    class VirtualMachine;
+    class RealMachine;
 
     model::RobotParameters parameters_;
+    VirtualMachine* virtual_ = nullptr;  // machine_, where it is that one
+    std::unique_ptr<Machine> machine_;
     std::int64_t start_ns_;
-    sim::VirtualClock clock_;
-    sim::InProcessBus bus_;
-    std::unique_ptr<sim::InProcessBus> host_bus_;
     std::unique_ptr<sim::World> world_;
-    std::unique_ptr<sim::VirtualRobot> robot_;
     drivers::DriveSlot left_;
     drivers::DriveSlot right_;
-    sim::SimInput stop_line_;
+    std::unique_ptr<sim::SimInput> stop_line_;
     task::SaveMailbox mailbox_;
     std::unique_ptr<task::Cycle> cycle_;
     std::unique_ptr<SimulatedHost> host_;
