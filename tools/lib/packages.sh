@@ -25,6 +25,15 @@ apt_plan() {
     printf '%s\n' "$plan" | grep -E '^(Need to get|After this operation)' | sed 's/^/  /'
 }
 
+# say_plan NAME...: what apt_plan says; while there are no package lists, what the lists' own estimates say.
+# Reads PACKAGE_LISTS.
+say_plan() {
+    apt_plan "$@" && return
+    awk '/^# On a bare Debian 12:/ { download += $7; disk += $11 }
+        END { printf "  At most about %d MB of archives, %d MB of disk space (more exactly after apt-get update).\n", download, disk }' \
+        "${PACKAGE_LISTS[@]}"
+}
+
 # as_root COMMAND...: runs it with the privileges found by find_privilege.
 as_root() {
     if [ "$PRIVILEGE" = sudo ]; then
@@ -65,24 +74,26 @@ install_packages() {
     mapfile -t wanted < <(package_names "$@")
     mapfile -t missing < <(missing_packages "${wanted[@]}")
     [ "${#missing[@]}" -gt 0 ] || return 0
+    PACKAGE_LISTS=("$@")
     by_hand="apt-get update && ${APT_INSTALL[*]} ${missing[*]}"
 
     say "Not yet installed, ${#missing[@]} Debian packages: ${missing[*]}"
     find_privilege
     if [ "$PRIVILEGE" = none ]; then
-        apt_plan "${missing[@]}" || true
+        say_plan "${missing[@]}"
         say "Installing them needs root, and there is no sudo. Run this as root, then this command again:"
         say "  $by_hand"
         exit "$EXIT_MACHINE"
     fi
     if [ "$ASSUME_YES" != yes ] && [ ! -t 0 ]; then
-        apt_plan "${missing[@]}" || true
+        say_plan "${missing[@]}"
         say "There is no terminal to ask on. Run this command with --yes, or as root:"
         say "  $by_hand"
         exit "$EXIT_MACHINE"
     fi
 
     if ! apt_plan "${missing[@]}"; then
+        say_plan "${missing[@]}"
         confirm "The package lists must be fetched first (apt-get update). Do that now?" ||
             die "$EXIT_MACHINE" "nothing installed"
         as_root apt-get update -q
