@@ -108,7 +108,7 @@ const std::array kTable{
     WW_CHOICE(0x00C0, velocity_loop.method, kMethods, 0, idle, "how the velocity loops are designed"),
     WW_REAL(0x00C1, velocity_loop.settling_time_s, "s", 0.05, 0.005, 5.0, idle, "wanted settling time to 1 %"),
     WW_REAL(0x00C2, velocity_loop.damping, "", 1.0, 0.3, 3.0, idle, "damping ratio of the paper's design"),
-    WW_REAL(0x00C3, velocity_loop.setpoint_weight, "", 0.95, 0.5, 0.98, idle, "share of the reference in the proportional term"),
+    WW_REAL(0x00C3, velocity_loop.setpoint_weight, "", 0.97, 0.5, 0.98, idle, "share of the reference in the proportional term"),
     WW_REAL(0x00C4, velocity_loop.phase_margin_deg, "deg", 45.0, 20.0, 80.0, idle, "designs with less phase margin are refused"),
     WW_REAL(0x00C5, velocity_loop.sensitivity_peak, "", 2.0, 1.1, 4.0, idle, "designs with a larger peak of the sensitivity are refused"),
     WW_REAL(0x00C6, velocity_loop.actuation_delay_s, "s", 0.002, 0.0, 0.02, idle, "delay from the cycle's start to the torque's centroid; measured in ident mode"),
