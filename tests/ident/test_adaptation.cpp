@@ -154,7 +154,10 @@ TEST(Adaptation, sees_no_change_where_there_is_none) {
 TEST(Adaptation, parked_for_ten_minutes_nothing_drifts) {
     AdaptiveDrive<float> drive(8);
     const auto before = drive.estimator.estimate();
-    for (int k = 0; k < 600000; ++k) drive.apply(k % 1000 < 500 ? 0.1 : -0.15, 0.05);  // friction holds
+    for (int k = 0; k < 600000; ++k) {
+        drive.estimator.push({drive.robot.angle_rad(), drive.told});
+        drive.apply(k % 1000 < 500 ? 0.1 : -0.15, 0.05);  // friction holds
+    }
     const auto& after = drive.estimator.estimate();
     DOUBLES_EQUAL(before.dynamics.k5_m, after.dynamics.k5_m, 0);
     DOUBLES_EQUAL(before.dynamics.k7_per_kg_m, after.dynamics.k7_per_kg_m, 0);
