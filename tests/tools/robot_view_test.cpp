@@ -1,0 +1,82 @@
+// What the monitor makes of telemetry.
+#include <cstdio>
+#include <string>
+
+#include "firmware/protocol/wheelwright_messages.hpp"
+#include "tools/monitor/robot_view.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+
+namespace {
+
+template <typename Message>
+hal::CanFrame frame_of(const Message& message) {
+    hal::CanFrame frame;
+    frame.id = Message::id;
+    frame.length = Message::length;
+    CHECK(message.encode(std::span(frame.data)) == protocol::CodecStatus::ok);
+    return frame;
+}
+
+bool has(const std::string& text, const char* part) { return text.find(part) != std::string::npos; }
+
+}  // namespace
+
+TEST_GROUP(RobotView){};
+
+TEST(RobotView, ScreenNamesStateLimitsCountersAndModel) {
+    tools::RobotView view;
+    CHECK(has(view.screen(0), "nothing heard"));
+    protocol::Status status;
+    status.state = protocol::Mode::velocity;
+    status.requested = protocol::Mode::velocity;
+    status.limit_torque_left = true;
+    status.limit_speed = true;
+    status.drive_left = protocol::DriveState::armed;
+    status.drive_right = protocol::DriveState::armed;
+    CHECK(view.accept(frame_of(status), 1'000'000'000));
+    CHECK(view.status_changed());
+    CHECK_FALSE(view.status_changed());
+    protocol::Counters counter;
+    counter.cause = protocol::CounterCause::rejected_crc;
+    counter.value = 7;
+    CHECK(view.accept(frame_of(counter), 1'010'000'000));
+    protocol::EstimateK5K7 estimate;
+    estimate.k7_per_kg_m = 1.4085F;
+    CHECK(view.accept(frame_of(estimate), 1'010'000'000));
+    CHECK(view.accept(frame_of(protocol::EstimateK6K8{}), 1'010'000'000));
+    protocol::EffectEstimate effect;
+    effect.index = 0x4010;
+    effect.value = 0.31F;
+    CHECK(view.accept(frame_of(effect), 1'010'000'000));
+    const std::string screen = view.screen(1'020'000'000);
+    std::printf("%s", screen.c_str());
+    CHECK(has(screen, "state     velocity\n"));
+    CHECK(has(screen, "limiting  torque left, speed\n"));
+    CHECK(has(screen, "left armed, right armed"));
+    CHECK(has(screen, "counted   rejected_crc 7\n"));
+    CHECK(has(screen, "K7 1.4085 1/(kg m)"));
+    CHECK(has(screen, "coulomb_friction.left_Nm 0.31 Nm"));
+    CHECK(has(view.screen(2'500'000'000), "SILENT for 1.5 s"));
+}
+
+TEST(RobotView, BadAndForeignFramesAreCountedApart) {
+    tools::RobotView view;
+    hal::CanFrame frame = frame_of(protocol::Status{});
+    frame.length = 6;
+    CHECK_FALSE(view.accept(frame, 0));
+    frame.id = 0x029;
+    CHECK_FALSE(view.accept(frame, 1'000'000'000));
+    frame.error = true;
+    CHECK_FALSE(view.accept(frame, 1'000'000'000));
+    tools::Report report("monitor");
+    view.fill(report);
+    const std::string json = report.json();
+    CHECK(has(json, "\"bad\": 1"));
+    CHECK(has(json, "\"last_error\": \"wrong_length\""));
+    CHECK(has(json, "\"other_frames\": 1"));
+    CHECK(has(json, "\"error_frames\": 1"));
+    CHECK_FALSE(view.heard());
+}
