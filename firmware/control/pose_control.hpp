@@ -19,7 +19,7 @@
 //     direction is free;
 //   - finishing: v = 0 inside stop_radius, turn onto the heading, hold; pursue again outside rearm_radius.
 //
-// One thread; no allocation; about 450 instructions. Paper law: exactly (75)-(83) with alpha wrapped.
+// One thread; no allocation; about 810 instructions. Paper law: exactly (75)-(83) with alpha wrapped.
 #pragma once
 
 #include <algorithm>

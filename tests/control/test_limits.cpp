@@ -111,14 +111,27 @@ TEST(Limits, TheRateLimiterObeysInAllFourQuadrantsOfSpeedAndAcceleration) {
 }
 
 TEST(Limits, ATargetOfTheSameCurvatureIsReachedWithoutLeavingThePath) {
-    TwistRateLimiter<double> limiter;
-    limiter.configure(0.9, 31.0);
-    limiter.reset({-0.6, 0.9});
-    for (int k = 0; k < 3000; ++k) {
+    // speed is what limits, then yaw rate
+    for (const auto& limits : {Twist<double>{0.9, 31.0}, Twist<double>{40.0, 1.1}}) {
+        TwistRateLimiter<double> limiter;
+        limiter.configure(limits.v_m_per_s, limits.omega_rad_per_s);
+        limiter.reset({-0.6, 0.9});
         LimiterFlags flags;
-        const auto now = limiter.step({1.2, -1.8}, 1e-3, flags);
-        DOUBLES_EQUAL(0, now.omega_rad_per_s + 1.5 * now.v_m_per_s, 1e-12);
+        for (int k = 0; k < 1000; ++k) {
+            const auto now = limiter.step({1.2, -1.8}, 1e-3, flags);
+            DOUBLES_EQUAL(0, now.omega_rad_per_s + 1.5 * now.v_m_per_s, 1e-12);
+        }
+        CHECK_EQUAL(limits.v_m_per_s < 1, flags.has(Limiter::acceleration));
+        CHECK_EQUAL(limits.v_m_per_s > 1, flags.has(Limiter::yaw_acceleration));
     }
+}
+
+TEST(Limits, TheFlagNamesTheOneThatLimits) {
+    LimiterFlags fast, turning;
+    (void)scale_jointly(Twist<double>{3.0, 0.5}, 1.0, 2.0, fast);
+    CHECK(fast.has(Limiter::speed) && !fast.has(Limiter::yaw_rate));
+    (void)scale_jointly(Twist<double>{1.1, -9.0}, 1.0, 2.0, turning);
+    CHECK(turning.has(Limiter::yaw_rate) && !turning.has(Limiter::speed));
 }
 
 TEST(Limits, ALimitOfZeroOrLessMeansZeroAndNotUnlimited) {
@@ -127,6 +140,11 @@ TEST(Limits, ALimitOfZeroOrLessMeansZeroAndNotUnlimited) {
     CHECK(torque.left == 0 && torque.right == 0);
     const auto twist = scale_jointly(Twist<double>{3, -2}, 0.0, 1.0, flags);
     CHECK(twist.v_m_per_s == 0 && twist.omega_rad_per_s == 0);
+    const auto negative = scale_jointly(Twist<double>{3, -2}, -1.0, -1.0, flags);
+    CHECK(negative.v_m_per_s == 0 && negative.omega_rad_per_s == 0);
+    TwistRateLimiter<double> limiter;
+    limiter.configure(-1, -1);
+    DOUBLES_EQUAL(0, limiter.step({1, 1}, 1e-3, flags).v_m_per_s, 0);
 }
 
 TEST(Limits, TheyHoldInSinglePrecisionToo) {
