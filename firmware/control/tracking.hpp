@@ -12,7 +12,7 @@
 // steers towards the path at a bounded angle and overtakes at a bounded speed, and the law takes over as it
 // is without a switch. Commands are scaled jointly to the limits and limited in acceleration.
 //
-// One thread; no allocation; about 350 instructions.
+// One thread; no allocation; about 420 instructions.
 #pragma once
 
 #include <algorithm>
@@ -95,17 +95,9 @@ class TrajectoryTracker {
         const Real v_r = reference.twist.v_m_per_s;
         const Real w_r = reference.twist.omega_rad_per_s;
         const Real pace = std::abs(v_r) + Real(0.1) * std::abs(w_r) + Real(0.05);
-        Real sine, cosine;
-        if (std::abs(heading) < Real(0.2)) {  // mostly; the series are right to 2e-12
-            const Real h2 = heading * heading;
-            sine = heading * (1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42)));
-            cosine = 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30 * (1 - h2 / 56)));
-        } else {
-            sine = std::sin(heading);
-            cosine = std::cos(heading);
-        }
+        const Real sine = std::sin(heading);
         Twist<Real> wanted{
-            v_r * cosine + settings_.along_gain_per_s * shorten * out.along_m,
+            v_r * std::cos(heading) + settings_.along_gain_per_s * shorten * out.along_m,
             w_r +
                 settings_.across_gain_per_m2 * v_r * sine_over_angle(heading, sine) * shorten * out.across_m +
                 settings_.heading_gain_per_m * pace * heading};
