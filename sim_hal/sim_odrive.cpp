@@ -302,7 +302,8 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
     for (int i = 1; i <= kReadingsPerMs; ++i) {
         const double s = i * kStep;
         double count =
-            floor_of(start + s * (last_speed_ + s * (c2 + s * c3)) + noise_counts_ * random_.gaussian_fast());
+            start + s * (last_speed_ + s * (c2 + s * c3)) + noise_counts_ * random_.gaussian_fast();
+        if (!ideal_encoder_) count = floor_of(count);
         if (faults_.frozen_encoder) {
             if (!was_frozen_) frozen_count_ = count;
             was_frozen_ = true;

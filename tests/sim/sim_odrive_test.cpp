@@ -257,7 +257,7 @@ TEST(SimDrive, encoder_position_is_quantised_to_counts_with_the_error_of_roundin
     std::printf("encoder: mean error %.3f, rms %.3f, worst %.3f counts\n", sum / kPlaces, rms, worst);
     // True place and estimate each lie anywhere in the same count: rms sqrt(1/12 + 1/12) at most 1 apart.
     CHECK(worst <= 1.01);
-    DOUBLES_EQUAL(std::sqrt(1.0 / 6), rms, 0.12);
+    DOUBLES_EQUAL(std::sqrt(1.0 / 6), rms, 0.05);
 }
 
 TEST(SimDrive, encoder_noise_reaches_the_speed_as_the_filter_says) {

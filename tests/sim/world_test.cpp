@@ -38,6 +38,7 @@ sim::WorldOptions quiet() {
     o.encoder_noise_rad = 0;
     o.external_pose_noise_m = 0;
     o.external_heading_noise_rad = 0;
+    o.phase_ns = {300'000, 600'000};  // telemetry keeps out of the way of commands sent at whole milliseconds
     return o;
 }
 
@@ -119,6 +120,7 @@ TEST(SimWorld, a_torque_on_the_bus_moves_the_robot_after_wire_latency_and_lag) {
     model::RobotParameters p = truth();
     p.dynamics.k5_m = p.dynamics.k6_per_m = 0;
     p.geometry.wheel_radius_m = {0.075, 0.075};
+    p.drive.torque_period_ms = 0;
     Bench b(p, quiet());
     b.arm();
     const std::int64_t start = b.clock.now_ns();
