@@ -27,7 +27,8 @@ class Result {
     Result(T value) : content_(std::in_place_index<0>, std::move(value)) {}      // NOLINT(*-explicit-*)
     Result(Error error) : content_(std::in_place_index<1>, std::move(error)) {}  // NOLINT(*-explicit-*)
 
-    explicit operator bool() const { return content_.index() == 0; }
+    bool has_value() const { return content_.index() == 0; }
+    explicit operator bool() const { return has_value(); }
 
     // value() only when true, error() only when false; otherwise std::bad_variant_access is thrown.
     T& value() { return std::get<0>(content_); }

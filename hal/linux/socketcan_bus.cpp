@@ -134,7 +134,8 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
     }
     std::unique_ptr<SocketCanBus> bus(new SocketCanBus(socket.release()));
     bus->fd_frames_ = fd_frames;
-    bus->realtime_offset_ns_ = read_clock_ns(CLOCK_REALTIME) - read_clock_ns(CLOCK_MONOTONIC);
+    const std::int64_t realtime_ns = read_clock_ns(CLOCK_REALTIME);
+    bus->realtime_offset_ns_ = realtime_ns - read_clock_ns(CLOCK_MONOTONIC);
     return bus;
 }
 
@@ -261,23 +262,30 @@ void SocketCanBus::note_error_class(std::uint32_t error_class) {
     }
 }
 
-// The stamp is CLOCK_REALTIME's, which somebody may set between stamp and now. The age by the offset between
-// the clocks as last seen and the age by the offset now then differ by the step; the true one is not
-// negative, and is the smaller (a frame does not wait here for longer than a clock is set by).
+// The stamp is CLOCK_REALTIME's. The offset between the two clocks is read after the frame and smoothed,
+// since one reading is as good as the time between its two halves; it errs to one side only, so that a stamp
+// never comes out before the frame. When somebody has set the clock between stamp and now, the age by the old
+// offset and by the new one differ by the step: the true one is not negative, and is the smaller (a frame
+// does not wait here for longer than a clock is set by).
 std::int64_t SocketCanBus::to_monotonic_ns(std::int64_t stamp_realtime_ns) {
+    constexpr std::int64_t step_ns = 1'000'000;
+    const std::int64_t realtime_ns = read_clock_ns(CLOCK_REALTIME);
     const std::int64_t monotonic_ns = read_clock_ns(CLOCK_MONOTONIC);
-    const std::int64_t offset_ns = read_clock_ns(CLOCK_REALTIME) - monotonic_ns;
-    const std::int64_t age_now_ns = monotonic_ns + offset_ns - stamp_realtime_ns;
+    const std::int64_t change_ns = realtime_ns - monotonic_ns - realtime_offset_ns_;
     const std::int64_t age_then_ns = monotonic_ns + realtime_offset_ns_ - stamp_realtime_ns;
-    constexpr std::int64_t step_ns = 1'000'000;  // less is the two clocks being read one after the other
-    std::int64_t age_ns = age_now_ns;
-    if (offset_ns - realtime_offset_ns_ > step_ns || realtime_offset_ns_ - offset_ns > step_ns) {
-        if (age_now_ns < 0 || (age_then_ns >= 0 && age_then_ns < age_now_ns)) {
-            age_ns = age_then_ns;
+    std::int64_t age_ns = age_then_ns;
+    if (change_ns > -step_ns && change_ns < step_ns) {
+        realtime_offset_ns_ += change_ns / 16;
+    } else {
+        realtime_offset_ns_ += change_ns;
+        const std::int64_t age_now_ns = age_then_ns + change_ns;
+        if (age_then_ns < 0 || (age_now_ns >= 0 && age_now_ns < age_then_ns)) {
+            age_ns = age_now_ns;
         }
     }
-    realtime_offset_ns_ = offset_ns;
-    return monotonic_ns - std::max<std::int64_t>(age_ns, 0);
+    // Never in the future, never before an earlier frame.
+    last_timestamp_ns_ = std::max(last_timestamp_ns_, monotonic_ns - std::max<std::int64_t>(age_ns, 0));
+    return last_timestamp_ns_;
 }
 
 bool SocketCanBus::set_filters(std::span<const CanFilter> filters) {

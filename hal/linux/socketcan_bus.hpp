@@ -65,7 +65,8 @@ class SocketCanBus final : public CanBus {
     bool down_ = false;
     bool bus_off_ = false;
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
-    std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC when last looked at
+    std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC
+    std::int64_t last_timestamp_ns_ = 0;
     CanStatistics statistics_;
 };
 
