@@ -12,6 +12,8 @@ using namespace wheelwright::tools;
 
 // The order of --help.
 constexpr std::array kCommands{
+    &add_demo,
+    &add_sim,
     &add_check,
     &add_ctl,
     &add_monitor,

@@ -33,8 +33,9 @@ namespace wheelwright::ident {
 template <typename Real>
 struct DynamicsEstimatorOptions {
     RegressionFilterOptions<Real> filter;
-    Real relative_standard_error = Real(0.005);
-    Real prior_variance = Real(1e6);  // P(-1) = c I
+    Real relative_standard_error = Real(0.005);  // of K7 and K8, for estimate().good_enough
+    Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
+    Real prior_variance = Real(1e6);             // P(-1) = c I
     Real excitation_memory_s = 2;
 };
 
@@ -215,9 +216,13 @@ class DynamicsEstimator {
         }
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
+        const Real to_length =
+            static_cast<Real>(options_.filter.geometry.track_m) * k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
         estimate_.good_enough = k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 &&
                                 e.k7_per_kg_m <= options_.relative_standard_error * k.k7_per_kg_m &&
-                                e.k8_per_kg_m2 <= options_.relative_standard_error * k.k8_per_kg_m2;
+                                e.k8_per_kg_m2 <= options_.relative_standard_error * k.k8_per_kg_m2 &&
+                                e.k5_m <= options_.coupling_standard_error_m &&
+                                e.k6_per_m * to_length <= options_.coupling_standard_error_m;
     }
 
     static Real error(Real variance) { return variance > 0 ? std::sqrt(variance) : Real(0); }

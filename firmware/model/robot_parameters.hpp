@@ -70,8 +70,7 @@ struct RobotParameters {
     EffectSet<double> effects_standard_error;  // `active` unused
     struct {
         double amplitude_Nm, bit_time_s, duration_s, speed_limit_m_per_s, yaw_rate_limit_rad_per_s,
-            distance_limit_m, relative_standard_error, kernel_s, delay_phase_s;
-        bool estimate_viscous, estimate_coulomb;
+            distance_limit_m, relative_standard_error, coupling_standard_error_m, kernel_s, delay_phase_s;
     } ident{};
     struct {
         LoopDesignMethod method;

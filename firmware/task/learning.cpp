@@ -40,6 +40,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     excitation.distance_limit_m = chosen(settings.distance_limit_m, p.ident.distance_limit_m);
     options.estimator.filter = filter_options(p, p.ident.kernel_s);
     options.estimator.relative_standard_error = p.ident.relative_standard_error;
+    options.estimator.coupling_standard_error_m = p.ident.coupling_standard_error_m;
     options.delay_phase_s = p.ident.delay_phase_s;
     options.duration_s = chosen(settings.duration_s, p.ident.duration_s);
     run_.start(options, pose, kExcitationSeed);

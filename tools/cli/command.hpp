@@ -29,7 +29,9 @@ using Run = std::function<int()>;
 
 void add_check(CLI::App& program, Run& run);
 void add_ctl(CLI::App& program, Run& run);
+void add_demo(CLI::App& program, Run& run);
 void add_monitor(CLI::App& program, Run& run);
 void add_record(CLI::App& program, Run& run);
+void add_sim(CLI::App& program, Run& run);
 
 }  // namespace wheelwright::tools

@@ -336,6 +336,7 @@ Simulation::~Simulation() {
 sim::InProcessBus& Simulation::bus() { return virtual_->bus(); }
 
 void Simulation::step() {
+    if (end_s_ > 0 && time_s() >= end_s_) throw TimeIsOver{};
     hal::Clock& clock = machine_->clock();
     clock.sleep_until_ns(schedule_.next_deadline_ns());
     host_->step(clock.now_ns());

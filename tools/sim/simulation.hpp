@@ -110,6 +110,10 @@ class Simulation {
                    const std::function<void()>& each = {});
     void step();
 
+    // From then on step() throws TimeIsOver.
+    struct TimeIsOver {};
+    void end_at(double time_s) { end_s_ = time_s; }
+
     double time_s() const;  // since the start
     std::int64_t now_ns() const { return machine_->clock().now_ns(); }
 
@@ -152,6 +156,7 @@ class Simulation {
     std::unique_ptr<task::Cycle> cycle_;
     std::unique_ptr<SimulatedHost> host_;
     task::CycleSchedule schedule_;
+    double end_s_ = 0;  // 0: never
     std::unique_ptr<Log> log_;
 };
 

@@ -1,0 +1,163 @@
+// `wheelwright demo`: the main job from start to finish, on a simulated robot that the firmware knows nothing
+// about. Prints progress, then a table, and leaves a page with the plots.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <memory>
+#include <stdexcept>
+#include <string>
+
+#include "tools/cli/command.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/showcase/demo_page.hpp"
+#include "tools/showcase/main_job.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+struct Options {
+    std::string robot = WHEELWRIGHT_ROBOTS "/default.toml";
+    std::string plant = WHEELWRIGHT_ROBOTS "/simulated.toml";
+    std::string interface;
+    std::string out = "build/demo";
+    std::string json;
+    std::uint64_t seed = 1;
+};
+
+// One line that grows while a stage works; on a terminal it is drawn again and again.
+class ProgressLine {
+  public:
+    ProgressLine(int number, std::string name)
+        : number_(number), name_(std::move(name)), terminal_(isatty(STDOUT_FILENO) != 0) {
+        if (!terminal_) std::printf("  %d  %s\n", number_, name_.c_str());
+        draw(0);
+    }
+    void operator()(double share) {
+        const int now = static_cast<int>(share * kWidth);
+        if (now != last_) draw(share);
+        last_ = now;
+    }
+    void done(const std::string& outcome) {
+        if (terminal_) std::printf("\r\033[K");
+        if (terminal_) std::printf("  %d  %s\n", number_, name_.c_str());
+        std::printf("     %s\n", outcome.c_str());
+        std::fflush(stdout);
+    }
+
+  private:
+    static constexpr int kWidth = 30;
+    void draw(double share) const {
+        if (!terminal_) return;
+        const int full = std::clamp(static_cast<int>(share * kWidth), 0, kWidth);
+        std::printf("\r\033[K  %d  %-46s [%s%s]", number_, name_.c_str(), std::string(full, '=').c_str(),
+                    std::string(kWidth - full, ' ').c_str());
+        std::fflush(stdout);
+    }
+    int number_;
+    std::string name_;
+    bool terminal_;
+    int last_ = -1;
+};
+
+std::string text(const char* format, auto... values) {
+    char buffer[256];
+    std::snprintf(buffer, sizeof buffer, format, values...);
+    return buffer;
+}
+
+int demo(const Options& options) {
+    task::RobotFile robot;
+    task::RobotFile plant;
+    try {
+        robot = load_robot(options.robot);
+        plant = load_robot(options.plant);
+    } catch (const std::runtime_error& error) {
+        std::fputs(error.what(), stderr);
+        return kUsage;
+    }
+    SimulationOptions settings;
+    settings.seed = options.seed;
+    settings.world = world_options(plant.simulation, options.seed);
+    settings.can_interface = options.interface;
+
+    std::printf(
+        "The firmware drives a simulated robot that it knows nothing about: mass, inertia, friction and\n"
+        "delays are the robot's own. The two share nothing but CAN frames on %s.\n\n",
+        options.interface.empty() ? "an in-process bus, in virtual time"
+                                  : (options.interface + ", in real time").c_str());
+
+    MainJob job;
+    try {
+        Simulation sim(robot.parameters, plant.parameters, settings);
+        sim.run_for(0.5);
+        job.begin(sim, plant.parameters);
+        {
+            ProgressLine line(1, "Identify: excite the wheels, estimate K5..K8");
+            job.identify(sim, std::ref(line));
+            line.done(job.identification.succeeded
+                          ? text("%.0f s of driving within %.2f m of the start; delay %.2f ms",
+                                 job.identification.duration_s, job.identification.farthest_m,
+                                 1e3 * job.identification.delay_s)
+                          : std::string("stopped before the standard errors were small enough"));
+        }
+        if (job.identification.succeeded) {
+            ProgressLine tune(2, "Tune: velocity loops from the identified model");
+            job.tune(sim);
+            tune.done(text("steps settle in %.0f ms (speed) and %.0f ms (yaw rate); phase margin %.0f deg",
+                           1e3 * job.speed_step.settling_s, 1e3 * job.yaw_step.settling_s,
+                           job.design.phase_margin_deg));
+            ProgressLine path(3, "Drive: figure-8 from a start one metre off the path");
+            job.drive(sim, std::ref(path));
+            path.done(text("three laps within %.1f mm RMS, %.1f mm at worst", 1e3 * job.figure_eight.rms_m,
+                           1e3 * job.figure_eight.peak_m));
+            ProgressLine load(4, "Adapt: a payload of +30 % is dropped on the robot");
+            job.adapt(sim, std::ref(load));
+            load.done(text("3 s later K7 is known to %.1f %%, K8 to %.1f %%", 100 * std::abs(job.k7_error),
+                           100 * std::abs(job.k8_error)));
+        }
+    } catch (const std::runtime_error& error) {
+        std::fprintf(stderr, "wheelwright demo: %s\n", error.what());
+        return kMachineLacks;
+    }
+
+    const Report report = job.report();
+    std::printf("\n");
+    if (!report.publish(options.json)) return kMachineLacks;
+    try {
+        const std::string file = options.out + "/index.html";
+        demo_page(job, options.interface).write(file);
+        std::printf("\nReport with the plots: %s\n", file.c_str());
+    } catch (const std::runtime_error& error) {
+        std::fprintf(stderr, "wheelwright demo: %s\n", error.what());
+        return kMachineLacks;
+    }
+    if (!job.reached_its_aims()) {
+        std::printf("Not every aim was reached; the table says which.\n");
+        return kAimMissed;
+    }
+    return kDone;
+}
+
+}  // namespace
+
+void add_demo(CLI::App& program, Run& run) {
+    const auto options = std::make_shared<Options>();
+    CLI::App* command =
+        program.add_subcommand("demo", "Identify, tune, drive and adapt a simulated robot, and report");
+    command->footer(
+        "Virtual time unless --can names an interface. Same seed, same figures. Exit status 3: an aim was "
+        "missed.");
+    command->add_option("--can", options->interface, "Run in real time on this CAN interface");
+    command->add_option("--robot", options->robot, "Robot file of the firmware")->capture_default_str();
+    command->add_option("--plant", options->plant, "Robot file of the simulated robot's truth")
+        ->capture_default_str();
+    command->add_option("--seed", options->seed, "Seed of noise and phases")->capture_default_str();
+    command->add_option("--out", options->out, "Folder of the report")->capture_default_str();
+    command->add_option("--json", options->json, "Also write the figures to this file");
+    command->callback([options, &run] { run = [options] { return demo(*options); }; });
+}
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,303 @@
+// `wheelwright sim`: firmware and robot in virtual time, or the robot alone in real time on an interface.
+#include <CLI/CLI.hpp>
+#include <array>
+#include <charconv>
+#include <chrono>
+#include <cstdio>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "hal/linux/monotonic_clock.hpp"
+#include "hal/linux/socketcan_bus.hpp"
+#include "tools/cli/can_port.hpp"
+#include "tools/cli/command.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/sim/experiments.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+struct Options {
+    std::string robot = WHEELWRIGHT_ROBOTS "/default.toml";
+    std::string plant = WHEELWRIGHT_ROBOTS "/simulated.toml";
+    std::uint64_t seed = 1;
+    double duration_s = 0;
+    std::string log;
+    std::string json;
+    std::string interface;
+    bool external_poses = false;
+    std::vector<std::string> actions;
+};
+
+// "name" or "name:number,number,..."
+struct Action {
+    std::string name;
+    std::vector<double> numbers;
+};
+
+// What an action takes; `numbers` may be fewer where the rest has a meaning of its own.
+struct ActionInfo {
+    const char* name;
+    std::size_t fewest, most;
+    const char* usage;
+};
+constexpr std::array kActions{
+    ActionInfo{"ident", 0, 0, "ident                   identify the robot"},
+    ActionInfo{"velocity", 3, 3, "velocity:V,W,S          m/s, rad/s, for S seconds"},
+    ActionInfo{"torque", 3, 3, "torque:LEFT,RIGHT,S     Nm, for S seconds"},
+    ActionInfo{"goal", 3, 3, "goal:X,Y,HEADING        drive to a pose (m, m, rad)"},
+    ActionInfo{"figure-eight", 0, 1, "figure-eight[:S]        the standard figure-8, 42 s or S"},
+    ActionInfo{"adaptive", 0, 1, "adaptive[:S]            the same while the model is adapted"},
+    ActionInfo{"payload", 1, 1, "payload:SHARE           mass and inertia grow by this share at once"},
+    ActionInfo{"place", 3, 3, "place:X,Y,HEADING       carry the robot to a pose"},
+    ActionInfo{"wait", 1, 1, "wait:S                  idle for S seconds"},
+};
+
+std::string usage_of_actions() {
+    std::string text = "Actions, in their order:\n";
+    for (const ActionInfo& info : kActions) text += std::string("  ") + info.usage + "\n";
+    return text;
+}
+
+// Throws std::invalid_argument with one sentence.
+Action parse_action(const std::string& text) {
+    Action action;
+    const std::size_t colon = text.find(':');
+    action.name = text.substr(0, colon);
+    std::size_t at = colon == std::string::npos ? text.size() : colon + 1;
+    while (at < text.size()) {
+        const std::size_t comma = std::min(text.find(',', at), text.size());
+        double value = 0;
+        const auto [end, error] = std::from_chars(text.data() + at, text.data() + comma, value);
+        if (error != std::errc{} || end != text.data() + comma) {
+            throw std::invalid_argument("action \"" + text + "\": \"" + text.substr(at, comma - at) +
+                                        "\" is not a number");
+        }
+        action.numbers.push_back(value);
+        at = comma + 1;
+    }
+    for (const ActionInfo& info : kActions) {
+        if (action.name != info.name) continue;
+        if (action.numbers.size() < info.fewest || action.numbers.size() > info.most) {
+            throw std::invalid_argument("action \"" + text + "\": expected " + info.usage);
+        }
+        return action;
+    }
+    throw std::invalid_argument("unknown action \"" + text + "\"\n" + usage_of_actions());
+}
+
+// Does one action; adds its figures. False: its mode was not entered, or its aim not reached.
+bool act(Simulation& sim, const Action& action, const model::RobotParameters& plant, Report& report) {
+    const auto& n = action.numbers;
+    report.section(action.name + "_" + std::to_string(static_cast<long>(sim.time_s() * 1e3)), action.name);
+    if (action.name == "wait") {
+        sim.run_for(n[0]);
+        report.add("time_s", "waited", n[0], "s");
+        return true;
+    }
+    if (action.name == "payload") {
+        drop_payload(sim.world(), n[0]);
+        report.add("share", "mass and inertia grow by", 100 * n[0], "%");
+        return true;
+    }
+    if (action.name == "place") {
+        sim.world().plant().place({n[0], n[1], n[2]}, {0, 0});
+        sim.run_for(0.2);
+        return true;
+    }
+    if (action.name == "ident") {
+        const IdentificationResult result = identify(sim);
+        const auto truth = as_seen_with(sim::plant_dynamics(sim.world().plant().parameters()), plant.geometry,
+                                        sim.parameters().geometry);
+        report.add("succeeded", "standard errors small enough", result.succeeded);
+        report.add("duration_s", "after", result.duration_s, "s");
+        report.add("delay_s", "actuation delay", result.delay_s, "s");
+        report.table("parameters", {{"name", "parameter"},
+                                    {"true_value", "truth"},
+                                    {"value", "identified"},
+                                    {"standard_error", "standard error"}});
+        const auto& k = result.estimate.dynamics;
+        const auto& e = result.estimate.standard_error;
+        report.row({std::string("K5"), truth.k5_m, k.k5_m, e.k5_m});
+        report.row({std::string("K6"), truth.k6_per_m, k.k6_per_m, e.k6_per_m});
+        report.row({std::string("K7"), truth.k7_per_kg_m, k.k7_per_kg_m, e.k7_per_kg_m});
+        report.row({std::string("K8"), truth.k8_per_kg_m2, k.k8_per_kg_m2, e.k8_per_kg_m2});
+        return result.succeeded;
+    }
+    if (action.name == "goal") {
+        const GoalResult result = drive_to(sim, {n[0], n[1], n[2]}, protocol::PoseDirection::automatic);
+        report.add("reached", "reached and held for 2 s", result.reached);
+        report.add("time_s", "after", result.time_s, "s");
+        report.add("distance_m", "distance from the goal", result.distance_m, "m");
+        report.add("heading_error_rad", "heading error", result.heading_error_rad, "rad");
+        sim.host().silence();
+        return enter_mode(sim, protocol::Mode::idle) && result.reached;
+    }
+    if (action.name == "figure-eight" || action.name == "adaptive") {
+        TrackingOptions options;
+        options.mode = action.name == "adaptive" ? protocol::Mode::adaptive : protocol::Mode::trajectory;
+        options.path = control::standard_figure_eight<double>(sim.parameters());
+        if (!n.empty()) options.duration_s = n[0];
+        const TrackingResult result = track(sim, options);
+        report.add("entered", "mode entered", result.entered);
+        report.add("rms_m", "RMS error from 12 s on", result.rms_m, "m");
+        report.add("peak_m", "largest error from 12 s on", result.peak_m, "m");
+        return result.entered;
+    }
+    const bool torque = action.name == "torque";
+    if (torque) {
+        sim.host().torque({n[0], n[1]});
+    } else {
+        sim.host().velocity({n[0], n[1]});
+    }
+    const bool entered = enter_mode(sim, torque ? protocol::Mode::torque : protocol::Mode::velocity);
+    sim.run_for(n[2]);
+    report.add("entered", "mode entered", entered);
+    report.add("true_speed_m_per_s", "true speed at the end", sim.world().twist().v_m_per_s, "m/s");
+    report.add("true_yaw_rate_rad_per_s", "true yaw rate at the end", sim.world().twist().omega_rad_per_s,
+               "rad/s");
+    sim.host().silence();
+    enter_mode(sim, protocol::Mode::idle);
+    return entered;
+}
+
+int run_virtual(const Options& options) {
+    std::vector<Action> actions;
+    try {
+        for (const std::string& text : options.actions) actions.push_back(parse_action(text));
+    } catch (const std::invalid_argument& error) {
+        std::fprintf(stderr, "wheelwright sim: %s\n", error.what());
+        return kUsage;
+    }
+    if (actions.empty() && options.duration_s == 0) actions = {{"ident", {}}, {"figure-eight", {}}};
+    // With a duration and no actions: identify and drive until the time is over.
+    if (actions.empty()) actions = {{"ident", {}}, {"figure-eight", {options.duration_s}}};
+    try {
+        const task::RobotFile robot = load_robot(options.robot);
+        const task::RobotFile plant = load_robot(options.plant);
+        SimulationOptions settings;
+        settings.seed = options.seed;
+        settings.world = world_options(plant.simulation, options.seed);
+        settings.log_path = options.log;
+        Report report("sim");
+        bool reached = true;
+        const auto begin = std::chrono::steady_clock::now();
+        double simulated_s = 0;
+        {
+            Simulation sim(robot.parameters, plant.parameters, settings);
+            if (sim.log_failed()) {
+                std::fprintf(stderr, "wheelwright sim: cannot write %s\n", options.log.c_str());
+                return kMachineLacks;
+            }
+            if (options.duration_s > 0) sim.end_at(options.duration_s);
+            try {
+                sim.run_for(0.5);
+                for (const Action& action : actions)
+                    reached = act(sim, action, plant.parameters, report) && reached;
+                if (options.duration_s > 0) sim.run_for(options.duration_s);
+            } catch (const Simulation::TimeIsOver&) {
+                // what --duration asked for
+            }
+            simulated_s = sim.time_s();
+            if (sim.log_failed()) {
+                std::fprintf(stderr, "wheelwright sim: %s could not be written whole\n", options.log.c_str());
+                return kMachineLacks;
+            }
+            const double wall_s =
+                std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+            report.section("run", "Run");
+            report.add("simulated_s", "simulated", simulated_s, "s");
+            report.add("frames", "frames on the wire", static_cast<std::int64_t>(sim.bus().totals().frames));
+            report.add("bus_load", "bus load",
+                       100e-9 * static_cast<double>(sim.bus().totals().busy_ns) / simulated_s, "%");
+            report.add("times_real_time", "times real time", simulated_s / wall_s);
+        }
+        if (!report.publish(options.json)) return kMachineLacks;
+        return reached ? kDone : kAimMissed;
+    } catch (const std::runtime_error& error) {
+        std::fputs(error.what(), stderr);
+        return kUsage;
+    }
+}
+
+// The robot alone: two drives and a body on a real interface; somebody else is the firmware.
+int run_robot(const Options& options) {
+    task::RobotFile plant;
+    try {
+        plant = load_robot(options.plant);
+    } catch (const std::runtime_error& error) {
+        std::fputs(error.what(), stderr);
+        return kUsage;
+    }
+    int status = kDone;
+    const auto bus = open_can(options.interface, status);
+    if (bus == nullptr) return status;
+    const auto host = open_can(options.interface, status);
+    if (host == nullptr) return status;
+    host->set_filters({});
+    constexpr std::uint32_t kNodeMask = 0x7E0;
+    const std::array filters{
+        hal::CanFilter{static_cast<std::uint32_t>(plant.parameters.drive.left.node) << 5, kNodeMask, false},
+        hal::CanFilter{static_cast<std::uint32_t>(plant.parameters.drive.right.node) << 5, kNodeMask, false}};
+    bus->set_filters(filters);
+
+    catch_interrupt();
+    hal::MonotonicClock clock;
+    const std::int64_t begin_ns = clock.now_ns();
+    const std::int64_t end_ns =
+        options.duration_s > 0 ? begin_ns + static_cast<std::int64_t>(options.duration_s * 1e9) : INT64_MAX;
+    sim::WorldOptions world_settings = world_options(plant.simulation, options.seed);
+    world_settings.start_ns = begin_ns;
+    sim::World world(plant.parameters, world_settings, *bus);
+    SimulatedHost poses(*host, world);
+    poses.external_poses(options.external_poses);
+    std::printf("robot on %s\n", options.interface.c_str());
+    std::fflush(stdout);
+    constexpr std::int64_t kGlance_ns = 50'000;
+    while (!interrupted()) {
+        const std::int64_t now = clock.now_ns();
+        if (now >= end_ns) break;
+        world.pump(now);
+        poses.step(now);
+        clock.sleep_until_ns(std::min(end_ns, std::max(world.next_event_ns(), now + kGlance_ns)));
+    }
+    Report report("sim");
+    report.section("robot", "The robot at the end");
+    report.add("x_m", "x", world.pose().x_m, "m");
+    report.add("y_m", "y", world.pose().y_m, "m");
+    report.add("heading_rad", "heading", wrap_angle_rad(world.pose().heading_rad), "rad");
+    report.add("speed_m_per_s", "speed", world.twist().v_m_per_s, "m/s");
+    report.add("yaw_rate_rad_per_s", "yaw rate", world.twist().omega_rad_per_s, "rad/s");
+    return report.publish(options.json) ? kDone : kMachineLacks;
+}
+
+}  // namespace
+
+void add_sim(CLI::App& program, Run& run) {
+    const auto options = std::make_shared<Options>();
+    CLI::App* command =
+        program.add_subcommand("sim", "Run firmware and a simulated robot, or the robot alone");
+    command->footer(
+        usage_of_actions() +
+        "Without actions: ident, then figure-eight. Virtual time; the same seed gives the same bytes.\n"
+        "With --can: the simulated robot alone, in real time on that interface, until Ctrl-C.");
+    command->add_option("actions", options->actions, "What to do (see below)");
+    command->add_option("--robot", options->robot, "Robot file of the firmware")->capture_default_str();
+    command->add_option("--plant", options->plant, "Robot file with the simulated robot's truth")
+        ->capture_default_str();
+    command->add_option("--seed", options->seed, "Seed of noise and phases")->capture_default_str();
+    command->add_option("--duration", options->duration_s, "Seconds to run (default: until all is done)")
+        ->check(CLI::PositiveNumber);
+    command->add_option("--log", options->log, "Write the bus as candump -L");
+    command->add_option("--can", options->interface, "Play the robot on this interface, in real time");
+    command->add_flag("--external-poses", options->external_poses,
+                      "With --can: also send the poses that an outside sensor would measure");
+    command->add_option("--json", options->json, "Also write the figures to this file");
+    command->callback([options, &run] {
+        run = [options] { return options->interface.empty() ? run_virtual(*options) : run_robot(*options); };
+    });
+}
+
+}  // namespace wheelwright::tools
