@@ -242,13 +242,14 @@ void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
 // Returns the time taken: all of dt_s, or less when the step was cut.
 double Plant::step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut) {
     constexpr double kShortest_s = 1e-9;
+    WheelPair<double> speed;
     WheelPair<double> smooth;
-    const WheelPair<double> first = acceleration(speed_, torque_Nm, smooth);
-    WheelPair<double> middle{speed_.left + dt_s / 2 * first.left, speed_.right + dt_s / 2 * first.right};
-    if (dry_count_ > 0) solve_dry(dt_s / 2, middle);
-    const WheelPair<double> second = acceleration(middle, torque_Nm, smooth);
-    WheelPair<double> speed{speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
-    if (dry_count_ > 0) {
+    if (!step_sliding(dt_s, torque_Nm, speed, smooth)) {
+        const WheelPair<double> first = acceleration(speed_, torque_Nm, smooth);
+        WheelPair<double> middle{speed_.left + dt_s / 2 * first.left, speed_.right + dt_s / 2 * first.right};
+        solve_dry(dt_s / 2, middle);
+        const WheelPair<double> second = acceleration(middle, torque_Nm, smooth);
+        speed = {speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
         const WheelPair<double> without_dry = speed;
         solve_dry(dt_s, speed);
         if (may_cut) {
@@ -266,6 +267,32 @@ double Plant::step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut
     twist_ = twist_of(speed);
     torques_ = {torque_Nm, smooth, dry_torque_Nm()};
     return dt_s;
+}
+
+// The step when everything slides from its begin to its end without reversing, which is nearly always: then
+// all dry torques are at their limits and nothing is to be solved. False, and no change, when it is not so.
+bool Plant::step_sliding(double dt_s, const WheelPair<double>& torque_Nm, WheelPair<double>& speed,
+                         WheelPair<double>& smooth_Nm) {
+    WheelPair<double> torque = torque_Nm;
+    std::array<double, model::kMaxColumns> sense;  // of sliding
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        const DryEffect& dry = dry_[j];
+        const double sliding = model::sliding_speed(dry.direction, speed_);
+        if (sliding == 0) return false;
+        sense[j] = sliding > 0 ? 1 : -1;
+        torque.left -= sense[j] * dry.limit_Nm * dry.direction.left;
+        torque.right -= sense[j] * dry.limit_Nm * dry.direction.right;
+    }
+    const WheelPair<double> first = acceleration(speed_, torque, smooth_Nm);
+    const WheelPair<double> middle{speed_.left + dt_s / 2 * first.left,
+                                   speed_.right + dt_s / 2 * first.right};
+    const WheelPair<double> second = acceleration(middle, torque, smooth_Nm);
+    speed = {speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
+    for (std::size_t j = 0; j < dry_count_; ++j) {
+        if (!(sense[j] * model::sliding_speed(dry_[j].direction, speed) > 0)) return false;
+    }
+    for (std::size_t j = 0; j < dry_count_; ++j) dry_[j].lambda_Nm = sense[j] * dry_[j].limit_Nm;
+    return true;
 }
 
 // As model::advance_along_arc, with the heading's sine and cosine carried along instead of computed.

@@ -107,6 +107,8 @@ class Plant {
     WheelPair<double> acceleration(const WheelPair<double>& speed, const WheelPair<double>& torque_Nm,
                                    WheelPair<double>& smooth_Nm) const;
     double step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut);
+    bool step_sliding(double dt_s, const WheelPair<double>& torque_Nm, WheelPair<double>& speed,
+                      WheelPair<double>& smooth_Nm);
     void solve_dry(double dt_s, WheelPair<double>& speed);
     double cut_at(double dt_s, const WheelPair<double>& without_dry, const WheelPair<double>& speed) const;
     WheelPair<double> dry_torque_Nm() const;

@@ -41,7 +41,9 @@ SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     ideal_encoder_ = config.counts_per_turn <= 0;
     if (ideal_encoder_) config_.counts_per_turn = 1;
     counts_per_rad_ = config.sign * config.gear_ratio * config_.counts_per_turn / kTwoPi;
-    noise_counts_ = config.encoder_noise_rad * std::abs(counts_per_rad_);
+    // A 16-bit uniform number has the standard deviation sqrt((65536^2 - 1) / 12).
+    noise_step_ = config.encoder_noise_rad * std::abs(counts_per_rad_) / 18918.613618860346;
+    wheel_per_motor_torque_ = config.sign * config.gear_ratio * config.torque_scale;
     period_ps_ = 1'000'000'000 + static_cast<std::int64_t>(config.clock_error_ppm * 1000);
     tick_ns_ = start_ns + config.phase_ns;
     fed_ns_ = start_ns;
@@ -299,25 +301,42 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
 
     const double kp = 2 * config_.filter_bandwidth_rad_per_s * kPeriod_s;
     const double ki = config_.filter_bandwidth_rad_per_s * config_.filter_bandwidth_rad_per_s * kPeriod_s;
-    for (int i = 1; i <= kReadingsPerMs; ++i) {
-        const double s = i * kStep;
-        double count =
-            start + s * (last_speed_ + s * (c2 + s * c3)) + noise_counts_ * random_.gaussian_fast();
-        if (!ideal_encoder_) count = floor_of(count);
-        if (faults_.frozen_encoder) {
-            if (!was_frozen_) frozen_count_ = count;
-            was_frozen_ = true;
-            count = frozen_count_;
-        } else {
-            was_frozen_ = false;
-        }
-        position_estimate_ += kPeriod_s * velocity_estimate_;
-        const double error = count - (ideal_encoder_ ? position_estimate_ : floor_of(position_estimate_));
-        position_estimate_ += kp * error;
-        velocity_estimate_ += ki * error;
-        // Less than half the smallest change: standing still.
-        if (!ideal_encoder_ && std::abs(velocity_estimate_) < 0.5 * ki) velocity_estimate_ = 0;
+    std::array<double, kReadingsPerMs> readings;
+    std::uint64_t bits = 0;
+    for (std::size_t i = 0; i < kReadingsPerMs; ++i) {
+        if (i % 4 == 0) bits = random_.bits();
+        const double noise = noise_step_ * (static_cast<double>(bits & 0xFFFFU) - 32767.5);
+        bits >>= 16U;
+        const double s = static_cast<double>(i + 1) * kStep;
+        readings[i] = start + s * (last_speed_ + s * (c2 + s * c3)) + noise;
     }
+    if (faults_.frozen_encoder) {
+        if (!was_frozen_) frozen_count_ = readings.back();
+        readings.fill(frozen_count_);
+    }
+    was_frozen_ = faults_.frozen_encoder;
+
+    double position = position_estimate_;
+    double velocity = velocity_estimate_;
+    if (ideal_encoder_) {
+        for (const double reading : readings) {
+            position += kPeriod_s * velocity;
+            const double error = reading - position;
+            position += kp * error;
+            velocity += ki * error;
+        }
+    } else {
+        for (const double reading : readings) {
+            position += kPeriod_s * velocity;
+            const double error = floor_of(reading) - floor_of(position);
+            position += kp * error;
+            velocity += ki * error;
+            // Less than half the smallest change: standing still.
+            if (std::abs(velocity) < 0.5 * ki) velocity = 0;
+        }
+    }
+    position_estimate_ = position;
+    velocity_estimate_ = velocity;
     last_counts_ = counts;
     last_speed_ = speed;
 }
@@ -329,28 +348,21 @@ double SimOdrive::motor_target_Nm() const {
     return std::clamp(input_torque_Nm_, -limit, limit);
 }
 
-double SimOdrive::torque_target_Nm() const {
-    return config_.sign * config_.gear_ratio * config_.torque_scale * motor_target_Nm();
+double SimOdrive::torque_target_Nm() const { return wheel_per_motor_torque_ * motor_target_Nm(); }
+
+SimOdrive::LagStep SimOdrive::lag_step(double dt_s, double lag_s) {
+    if (lag_s <= 0) return {0, 0};
+    const double x = dt_s / lag_s;
+    const double mean = mean_exp_minus(x);
+    return {mean, 1 - x * mean};
 }
 
-double SimOdrive::advance_torque(double dt_s) {
+double SimOdrive::advance_torque(const LagStep& lag) {
     if (!armed()) return 0;
     const double target = motor_target_Nm();
-    double mean = target;
-    if (config_.torque_lag_s > 0 && motor_torque_Nm_ != target) {
-        if (dt_s != lag_dt_s_) {
-            lag_dt_s_ = dt_s;
-            const double x = dt_s / config_.torque_lag_s;
-            lag_mean_ = mean_exp_minus(x);
-            lag_decay_ = 1 - x * lag_mean_;
-        }
-        const double lacking = motor_torque_Nm_ - target;
-        mean = target + lacking * lag_mean_;
-        motor_torque_Nm_ = target + lacking * lag_decay_;
-    } else {
-        motor_torque_Nm_ = target;
-    }
-    return config_.sign * config_.gear_ratio * config_.torque_scale * mean + extra_wheel_Nm_;
+    const double lacking = motor_torque_Nm_ - target;
+    motor_torque_Nm_ = target + lacking * lag.end;
+    return wheel_per_motor_torque_ * (target + lacking * lag.mean) + extra_wheel_Nm_;
 }
 
 void SimOdrive::send_cyclic(drivers::FrameSink& out) const {

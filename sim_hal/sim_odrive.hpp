@@ -11,7 +11,8 @@
 //   counts while armed; set-points and state requests feed it (the stricter reading where the manual is
 //   silent). When it runs out the error bit appears and the axis is idle: the wheel coasts.
 // - Cyclic messages at whole milliseconds of the drive's own, slightly wrong clock, with a phase of its own.
-// - Encoder counts with noise, read 8000 times a second into the drive's tracking filter (two real poles at
+// - Encoder counts with (uniform, white) noise, read 8000 times a second into the drive's tracking filter
+// (two real poles at
 //   the bandwidth); position in revolutions as a float, which loses resolution as it grows.
 // - Torque: limited by current, first-order lag, noise held for a millisecond, ripple with the motor angle.
 //
@@ -85,8 +86,17 @@ class SimOdrive {
     // Does it. To be called exactly at next_event_ns(), with the wheel's true motion then.
     void run_event(double wheel_angle_rad, double wheel_speed_rad_per_s, drivers::FrameSink& out);
 
-    // Mean wheel torque over the next `dt_s`, with no event inside. Moves the lag on.
-    double advance_torque(double dt_s);
+    // How much of a torque error is left over the next `dt_s` on average, and at its end.
+    struct LagStep {
+        double mean;
+        double end;
+    };
+    static LagStep lag_step(double dt_s, double lag_s);
+
+    // Mean wheel torque over the next step, with no event inside. Moves the lag on. `lag` is that of the step
+    // and this drive's torque_lag_s.
+    double advance_torque(const LagStep& lag);
+    double advance_torque(double dt_s) { return advance_torque(lag_step(dt_s, config_.torque_lag_s)); }
 
     SimOdriveFaults& faults() { return faults_; }
     void raise_error(std::uint32_t bits);     // as if the drive had found it itself
@@ -103,7 +113,7 @@ class SimOdrive {
   private:
     static constexpr std::uint32_t kIdle = 1;
     static constexpr std::uint32_t kClosedLoop = 8;
-    static constexpr int kReadingsPerMs = 8;
+    static constexpr std::size_t kReadingsPerMs = 8;
 
     struct Pending {
         std::int64_t time_ns = 0;
@@ -153,14 +163,12 @@ class SimOdrive {
     std::array<Pending, 8> pending_{};
     std::size_t pending_first_ = 0;
     std::size_t pending_count_ = 0;
-    double lag_dt_s_ = -1;
-    double lag_decay_ = 0;
-    double lag_mean_ = 0;
+    double wheel_per_motor_torque_ = 1;  // signed
 
     // Encoder, in counts on the motor shaft.
     double counts_per_rad_ = 0;  // of the wheel, signed
     bool ideal_encoder_ = false;
-    double noise_counts_ = 0;
+    double noise_step_ = 0;
     double last_counts_ = 0;    // true position at the last millisecond, not quantised
     double last_speed_ = 0;     // true speed then, counts per millisecond of the drive
     double origin_counts_ = 0;  // where the drive was switched on

@@ -70,8 +70,9 @@ void World::move_body_to(std::int64_t until_ns) {
     while (now_ns_ < until_ns) {
         const std::int64_t step_ns = std::min(until_ns - now_ns_, kLongestStep_ns);
         const double dt_s = static_cast<double>(step_ns) * 1e-9;
-        const double left_Nm = drives_[0].advance_torque(dt_s);
-        const double right_Nm = drives_[1].advance_torque(dt_s);
+        const SimOdrive::LagStep lag = SimOdrive::lag_step(dt_s, options_.torque_lag_s);
+        const double left_Nm = drives_[0].advance_torque(lag);
+        const double right_Nm = drives_[1].advance_torque(lag);
         plant_.advance(dt_s, {left_Nm, right_Nm});
         now_ns_ += step_ns;
         ++totals_.plant_steps;
@@ -119,6 +120,8 @@ void World::pump_events(std::int64_t now_ns) {
     run_events_to(now_ns, now_ns);
 }
 
+void World::run_events(std::int64_t now_ns) { run_events_to(now_ns, now_ns); }
+
 void World::pump(std::int64_t now_ns) {
     pump_events(now_ns);
     move_body_to(now_ns);
@@ -156,13 +159,19 @@ bool World::take_external_pose(ExternalPose& out) {
 void VirtualRobot::run_until(std::int64_t deadline_ns) {
     world_.pump_events(clock_.now_ns());
     for (;;) {
-        std::int64_t next_ns = std::min(world_.next_event_ns(), bus_.next_event_ns());
         // A frame still there after a pump is one that a failed endpoint holds back.
+        std::int64_t bus_ns = bus_.next_event_ns();
         const std::int64_t receive_ns = endpoint_.next_receive_ns();
-        if (receive_ns > clock_.now_ns()) next_ns = std::min(next_ns, receive_ns);
-        if (next_ns > deadline_ns) break;
-        clock_.advance_to(next_ns);
-        world_.pump_events(clock_.now_ns());
+        if (receive_ns > clock_.now_ns()) bus_ns = std::min(bus_ns, receive_ns);
+        const std::int64_t world_ns = world_.next_event_ns();
+        if (std::min(bus_ns, world_ns) > deadline_ns) break;
+        if (bus_ns <= world_ns) {
+            clock_.advance_to(bus_ns);
+            world_.pump_events(bus_ns);
+        } else {
+            clock_.advance_to(world_ns);
+            world_.run_events(world_ns);
+        }
     }
     clock_.advance_to(deadline_ns);
     world_.pump(deadline_ns);

@@ -79,6 +79,9 @@ class World {
     // The same, but the body stays where the last event was: cheaper when nobody looks at it now.
     void pump_events(std::int64_t now_ns);
 
+    // The same again, without looking at the bus for received frames.
+    void run_events(std::int64_t now_ns);
+
     // Runs up to `now_ns` without looking at the bus for received frames.
     void advance_to(std::int64_t now_ns);
 
