@@ -12,19 +12,20 @@
 //
 //   cov(theta) = P (s sum psi psi^T + a sum alpha alpha^T) P,          a sandwich, never negative.
 //
-// s and a come from two powers of the residual: that of single rows (mostly s), and that of sums over 16
+// s and a come from two powers of the residual: that of single rows (mostly s), and that of sums over 32
 // rows, in which the sensor noise telescopes away (mostly a). Rows that were masked count as regressors of
 // zero.
 //
 // With exponential forgetting, the estimate weighs row t with lambda^(n-t) and its covariance with the
-// square: pass lambda to reset(). For directional forgetting no such sum exists; use bound_on_row_variance()
-// with P.
+// square: pass lambda to reset() (the noise powers are kept eight times longer). For directional forgetting
+// no such sum exists; use bound_on_row_variance() with P.
 //
 // Cost: about N^2 + 4 N multiply-adds a row; covariance() about N^2. Fixed size, no allocation.
 #pragma once
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -34,7 +35,7 @@ template <typename Real, int N>
 class ColouredErrors {
   public:
     using Vector = std::array<Real, N>;
-    static constexpr int kSumRows = 16;
+    static constexpr int kSumRows = 32;
 
     // order: how often the sensor's noise is differenced in y: 0, 1 (speed quotients) or 2 (angles, as the
     // rows of RegressionFilter).
@@ -43,6 +44,10 @@ class ColouredErrors {
         order_ = order;
         size_ = size;
         lambda_ = lambda;
+        // the noise is the sensor's and the floor's: it changes slower than what is estimated
+        power_keep_ = 1 - (1 - lambda) / 8;
+        sum_keep_ = power_keep_;
+        for (int i = 1; i < kSumRows; i *= 2) sum_keep_ *= sum_keep_;
     }
 
     // A row that took part in the estimate, with its innovation or residual. The first `kSettle` rows, whose
@@ -57,8 +62,8 @@ class ColouredErrors {
         decay(power_, residual * residual);
         run_sum_ += residual;
         if (++run_ == kSumRows) {
-            sums_ = sums_ * sum_decay() + 1;
-            sum_power_ = sum_power_ * sum_decay() + run_sum_ * run_sum_;
+            sums_ = sums_ * sum_keep_ + 1;
+            sum_power_ = sum_power_ * sum_keep_ + run_sum_ * run_sum_;
             run_ = 0;
             run_sum_ = 0;
         }
@@ -87,7 +92,9 @@ class ColouredErrors {
         constexpr auto kLength = static_cast<Real>(kSumRows);
         const Real plant = (sum - shape.sensor_sum * row / shape.sensor_row) /
                            (kLength - shape.sensor_sum * shape.plant_row / shape.sensor_row);
-        const Real bounded = std::clamp(plant, Real(0), row / shape.plant_row);
+        // never smaller than could have been seen: the deviation of the mean of so many squares
+        const Real unseen = sum * std::sqrt(2 / sums_) / kLength;
+        const Real bounded = std::min(std::max(plant, unseen), row / shape.plant_row);
         return {(row - shape.plant_row * bounded) / shape.sensor_row, bounded};
     }
 
@@ -111,6 +118,14 @@ class ColouredErrors {
                 sum += (noise.sensor * sensor_[k] + noise.plant * plant_[k]) * x[index(j)];
             }
             result[index(i)] = sum;
+        }
+        // noise whose differences end with the last rows: for slow regressors the larger part
+        if (order_ == 1) add_edge(result, x, noise.sensor, 1, 0);
+        if (order_ == 2) {
+            add_edge(result, x, noise.sensor, -2 * lambda_, lambda_ * lambda_);
+            add_edge(result, x, noise.sensor, 1, 0);
+            add_edge(result, x, noise.plant, 4 * lambda_ / 6, lambda_ * lambda_ / 6);
+            add_edge(result, x, noise.plant, lambda_ / 6, 0);
         }
         return result;
     }
@@ -138,11 +153,14 @@ class ColouredErrors {
     static constexpr std::size_t index(int i) { return static_cast<std::size_t>(i); }
     static constexpr std::size_t packed(int i, int j) { return index(i * (i + 1) / 2 + j); }  // i >= j
 
-    void decay(Real& sum, Real more) { sum = sum * lambda_ + more; }
-    Real sum_decay() const {
-        Real product = lambda_;
-        for (int i = 1; i < kSumRows; i *= 2) product *= product;
-        return product;
+    void decay(Real& sum, Real more) { sum = sum * power_keep_ + more; }
+    // Adds strength * v v^T x, v = newest * (last row) + older * (the one before).
+    void add_edge(Vector& result, const Vector& x, Real strength, Real newest, Real older) const {
+        Real along = 0;
+        for (int i = 0; i < size_; ++i)
+            along += (newest * before_[index(i)] + older * earlier_[index(i)]) * x[index(i)];
+        for (int i = 0; i < size_; ++i)
+            result[index(i)] += strength * along * (newest * before_[index(i)] + older * earlier_[index(i)]);
     }
 
     void push_regressor(const Vector& phi) {
@@ -153,8 +171,16 @@ class ColouredErrors {
             const Real now = phi[index(i)];
             const Real before = before_[index(i)];
             const Real earlier = earlier_[index(i)];
-            psi[index(i)] = order_ == 2 ? now - 2 * before + earlier : order_ == 1 ? now - before : now;
-            alpha[index(i)] = order_ == 2 ? (now + 4 * before + earlier) / 6 : now;
+            // older rows weigh less
+            const Real double_before = 2 * lambda_ * before;
+            const Real earlier_share = lambda_ * lambda_ * earlier;
+            if (order_ == 2) {
+                psi[index(i)] = now - double_before + earlier_share;
+                alpha[index(i)] = (now + 2 * double_before + earlier_share) / 6;
+            } else {
+                psi[index(i)] = order_ == 1 ? now - lambda_ * before : now;
+                alpha[index(i)] = now;
+            }
         }
         const Real keep = lambda_ * lambda_;
         for (int i = 0; i < size_; ++i)
@@ -172,6 +198,7 @@ class ColouredErrors {
     std::array<Real, kPacked> sensor_{}, plant_{};
     Vector before_{}, earlier_{};
     Real lambda_ = 1;
+    Real power_keep_ = 1, sum_keep_ = 1;
     Real rows_ = 0, power_ = 0;
     Real sums_ = 0, sum_power_ = 0, run_sum_ = 0;
     int run_ = 0;

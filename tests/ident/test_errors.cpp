@@ -21,7 +21,7 @@ struct Honesty {
 // and white noise of deviation `sensor` differenced `order` times. Rms of the estimates' errors over their
 // standard errors.
 template <typename Real>
-Honesty run(int order, double sensor, double plant, double lambda, int rows) {
+Honesty monte_carlo(int order, double sensor, double plant, double lambda, int rows) {
     constexpr int kTrials = 400;
     Honesty sum{};
     std::mt19937_64 random(5);
@@ -89,17 +89,17 @@ CHECK(h.fast > 0.8 && h.fast < 1.25);
 ;
 
 TEST(ColouredResiduals, have_honest_standard_errors_for_each_colour) {
-    expect_honest("white", run<double>(0, 0.3, 0, 1, 1500));
-    expect_honest("differenced, with plant noise", run<double>(1, 0.3, 0.05, 1, 1500));
-    expect_honest("twice differenced, with plant noise", run<double>(2, 0.3, 0.05, 1, 1500));
-    expect_honest("plant noise alone, rows overlap", run<double>(2, 0, 0.3, 1, 1500));
-    expect_honest("the same in float", run<float>(2, 0.3, 0.05, 1, 1500));
+    expect_honest("white", monte_carlo<double>(0, 0.3, 0, 1, 1500));
+    expect_honest("differenced, with plant noise", monte_carlo<double>(1, 0.3, 0.05, 1, 2500));
+    expect_honest("twice differenced, with plant noise", monte_carlo<double>(2, 0.3, 0.05, 1, 2500));
+    expect_honest("plant noise alone, rows overlap", monte_carlo<double>(2, 0, 0.3, 1, 1500));
+    expect_honest("the same in float", monte_carlo<float>(2, 0.3, 0.05, 1, 2500));
     std::printf("\n");
 }
 
 TEST(ColouredResiduals, have_honest_standard_errors_under_exponential_forgetting) {
-    expect_honest("forgetting 0.998, differenced", run<double>(1, 0.3, 0.05, 0.998, 2500));
-    expect_honest("forgetting 0.998, twice differenced", run<double>(2, 0.3, 0.05, 0.998, 2500));
+    expect_honest("forgetting 0.998, differenced", monte_carlo<double>(1, 0.3, 0.05, 0.998, 4000));
+    expect_honest("forgetting 0.998, twice differenced", monte_carlo<double>(2, 0.3, 0.05, 0.998, 4000));
     std::printf("\n");
 }
 
