@@ -151,6 +151,9 @@ class Odometry {
     static constexpr Real kLongWindow_rad = Real(0.25);
     static constexpr Real kCalibrationSigma = Real(0.02);
     static constexpr Real kTurnPerMetreSigma = Real(0.03);
+    static constexpr Real kCalibrationWander = Real(1e-4);  // per square root of a metre
+    static constexpr Real kLargestCalibration = Real(0.1);
+    static constexpr Real kUnmeasuredMotion = Real(0.05);  // of the external noise, for each fix
 
     struct Past {
         std::int64_t time_ns = 0;
@@ -198,20 +201,23 @@ class Odometry {
     // The dead-reckoned pose at an earlier time, between history entries by a straight line.
     Pose<Real> reckoned_at(std::int64_t time_ns) const {
         if (time_ns >= now_ns_) return reckoned_;
-        Past later{now_ns_, reckoned_};
-        for (std::size_t back = 0; back < kHistory; ++back) {
-            const Past& earlier = history_[(history_newest_ + kHistory - back) % kHistory];
-            if (earlier.time_ns == 0) return later.pose;
-            if (earlier.time_ns <= time_ns) {
-                const Real span = static_cast<Real>(later.time_ns - earlier.time_ns);
-                const Real share = span > 0 ? static_cast<Real>(time_ns - earlier.time_ns) / span : Real(0);
-                const auto mix = [share](Real a, Real b) { return a + share * (b - a); };
-                return {mix(earlier.pose.x_m, later.pose.x_m), mix(earlier.pose.y_m, later.pose.y_m),
-                        mix(earlier.pose.heading_rad, later.pose.heading_rad)};
-            }
-            later = earlier;
-        }
-        return later.pose;
+        // Entries are at least kHistoryStep_ns apart, so this many steps back is early enough.
+        const std::int64_t span_ns = history_[history_newest_].time_ns - time_ns;
+        const std::int64_t most = span_ns <= 0 ? 0 : (span_ns + kHistoryStep_ns - 1) / kHistoryStep_ns;
+        auto back = static_cast<std::size_t>(std::min<std::int64_t>(most, kHistory - 1));
+        const auto entry = [this](std::size_t steps) -> const Past& {
+            return history_[(history_newest_ + kHistory - steps) % kHistory];
+        };
+        while (back > 0 && (entry(back).time_ns == 0 || entry(back - 1).time_ns <= time_ns)) --back;
+        const Past& earlier = entry(back);
+        const Past later = back > 0 ? entry(back - 1) : Past{now_ns_, reckoned_};
+        const Real span = static_cast<Real>(later.time_ns - earlier.time_ns);
+        const Real share = span > 0 ? static_cast<Real>(time_ns - earlier.time_ns) / span : Real(0);
+        const auto mix = [share](Real from, Real to) {
+            return from + std::clamp(share, Real(0), Real(1)) * (to - from);
+        };
+        return {mix(earlier.pose.x_m, later.pose.x_m), mix(earlier.pose.y_m, later.pose.y_m),
+                mix(earlier.pose.heading_rad, later.pose.heading_rad)};
     }
 
     // Moves the covariance over the window from the anchor to `end` (both dead reckoned).
@@ -267,6 +273,10 @@ class Odometry {
         p[2][0] -= turn * dy / 2;
         p[1][2] += turn * dx / 2;
         p[2][1] += turn * dx / 2;
+        if (settings_.calibrate) {  // tyres and loads change
+            const Real wander = kCalibrationWander * kCalibrationWander * window_distance_;
+            for (std::size_t i = 3; i < kStates; ++i) p[i][i] += wander;
+        }
         anchor_ = end;
         clear_window();
     }
@@ -302,6 +312,12 @@ class Odometry {
             return FixOutcome::first;
         }
         propagate(then);
+        // A robot that is pushed while its wheels stand must be believed sooner or later.
+        for (std::size_t i = 0; i < 3; ++i) {
+            const Real step =
+                kUnmeasuredMotion * (i < 2 ? settings_.position_noise_m : settings_.heading_noise_rad);
+            covariance_[i][i] += step * step;
+        }
         const Pose<Real> expected = corrected(then);
         const std::array<Real, 3> innovation{measured.x_m - expected.x_m, measured.y_m - expected.y_m,
                                              wrap_angle_rad(measured.heading_rad - expected.heading_rad)};
@@ -326,9 +342,12 @@ class Odometry {
             for (std::size_t k = 0; k < j; ++k) covariance_[j][k] = covariance_[k][j];
         }
         correct(then, {expected.x_m + change[0], expected.y_m + change[1], expected.heading_rad + change[2]});
-        calibration_.distance += change[3];
-        calibration_.turn += change[4];
-        calibration_.turn_per_m += change[5];
+        const auto learn = [](Real& constant, Real by) {
+            constant = std::clamp(constant + by, -kLargestCalibration, kLargestCalibration);
+        };
+        learn(calibration_.distance, change[3]);
+        learn(calibration_.turn, change[4]);
+        learn(calibration_.turn_per_m, change[5]);
         fused_ = corrected(reckoned_);
         ++fixes_;
         return FixOutcome::fused;

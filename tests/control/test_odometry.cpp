@@ -191,6 +191,35 @@ TEST(Odometry, ALongTimeWithoutExternalPosesWidensTheCovarianceAndTheNextIsTaken
     DOUBLES_EQUAL(rails.pose.x_m, odometry.pose().x_m, 0.01);
 }
 
+TEST(Odometry, ParkedForTenMinutesItStaysAwakeAndAPushIsNoticed) {
+    Odometry<double> odometry;
+    odometry.configure(settings());
+    bench::Noise noise(35);
+    int k = 0;
+    double worst = 0;
+    const auto park = [&](double x, int fixes) {
+        for (int i = 0; i < fixes; ++i) {
+            for (int j = 0; j < 50; ++j, ++k) {
+                odometry.advance(kGeometry, {}, 1'000'000'000 + std::int64_t{1'000'000} * k);
+            }
+            odometry.fuse({x + 0.002 * noise.gaussian(), 0.002 * noise.gaussian(), 0.004 * noise.gaussian()});
+        }
+    };
+    park(0, 20);
+    for (int minute = 0; minute < 10; ++minute) {
+        park(0, 1200);
+        worst = std::max(worst, std::hypot(odometry.pose().x_m, odometry.pose().y_m));
+    }
+    const double sigma = std::sqrt(odometry.variance(0));
+    park(0.006, 60);  // pushed by 6 mm, which no wheel has felt; 3 s later
+    std::printf("\n  parked: %.2f mm off at most, standard deviation %.2f mm; after a push of 6 mm %.2f mm\n",
+                1e3 * worst, 1e3 * sigma, 1e3 * odometry.pose().x_m);
+    CHECK(worst < 2e-3);
+    CHECK(sigma > 0.1e-3 && sigma < 1e-3);
+    DOUBLES_EQUAL(0.006, odometry.pose().x_m, 1.5e-3);
+    CHECK(std::abs(odometry.calibration().distance) < 0.02);
+}
+
 TEST(Odometry, SinglePrecisionKeepsACovarianceThatIsOne) {
     Odometry<float> odometry;
     odometry.configure(odometry_settings<float>(model::default_parameters()));
