@@ -11,6 +11,7 @@ namespace wheelwright::sim {
 namespace {
 
 constexpr std::uint32_t standard_id_limit = 0x800;
+constexpr std::uint64_t random_stream = 0xB05;  // the seed is shared with the rest of a simulation
 constexpr int interframe_bits = 3;
 // Error flag (6, at most 12 when they overlap), delimiter (8).
 constexpr int error_frame_bits = 20;
@@ -82,6 +83,7 @@ hal::CanStatus InProcessBus::Endpoint::send(const hal::CanFrame& frame) {
     }
     if (transmit_count_ == 0) {
         bus_->waiting_ |= bit_;
+        bus_->planned_ = false;
         bus_->head_key_[static_cast<std::size_t>(std::countr_zero(bit_))] = arbitration_key(frame);
     }
     ++transmit_count_;
@@ -140,7 +142,7 @@ std::int64_t InProcessBus::Endpoint::next_receive_ns() const {
 }
 
 bool InProcessBus::Endpoint::accepts(const hal::CanFrame& frame) const {
-    if (accept_all_ || frame.error) {
+    if (frame.error) {
         return true;
     }
     if (!frame.extended) {
@@ -156,7 +158,7 @@ bool InProcessBus::Endpoint::accepts(const hal::CanFrame& frame) const {
 }
 
 void InProcessBus::Endpoint::offer(const hal::CanFrame& frame, std::int64_t timestamp_ns) {
-    if (!accepts(frame)) {
+    if (!accept_all_ && !accepts(frame)) {
         return;
     }
     if (receive_count_ == bus_->receive_capacity_) {
@@ -169,7 +171,9 @@ void InProcessBus::Endpoint::offer(const hal::CanFrame& frame, std::int64_t time
     slot.received.timestamp_ns = timestamp_ns;
     std::int64_t available_ns = timestamp_ns + latency_ns_;
     if (jitter_ns_ > 0) {
-        available_ns += bus_->random_up_to(jitter_ns_);
+        // Uniform in 0 .. jitter; the bias, jitter / 2^32, does not matter.
+        available_ns += static_cast<std::int64_t>(
+            (bus_->random_.bits() >> 32) * static_cast<std::uint64_t>(jitter_ns_ + 1) >> 32);
     }
     last_available_ns_ = std::max(last_available_ns_, available_ns);
     slot.available_ns = last_available_ns_;
@@ -178,6 +182,7 @@ void InProcessBus::Endpoint::offer(const hal::CanFrame& frame, std::int64_t time
 void InProcessBus::Endpoint::drop_transmit_queue() {
     transmit_count_ = 0;
     bus_->waiting_ &= ~bit_;
+    bus_->planned_ = false;
     if (bus_->on_wire_ && &bus_->endpoints_[bus_->sender_] == this) {
         // The frame breaks off. The others say so with an error flag, which takes its time on the wire.
         bus_->on_wire_ = false;
@@ -203,7 +208,7 @@ InProcessBus::InProcessBus(const hal::Clock& clock, std::size_t endpoint_count,
       data_bit_rate_(std::max(options.data_bit_rate, 10'000U)),
       interframe_ns_(to_ns(interframe_bits, bit_rate_)),
       error_frame_ns_(to_ns(error_frame_bits, bit_rate_)),
-      random_state_(options.seed) {
+      random_(options.seed, random_stream) {
     for (int length = 0; length <= 8; ++length) {
         for (const bool extended : {false, true}) {
             classic_ns_[extended ? 1 : 0][static_cast<std::size_t>(length)] =
@@ -215,7 +220,7 @@ InProcessBus::InProcessBus(const hal::Clock& clock, std::size_t endpoint_count,
         endpoint.bus_ = this;
         endpoint.bit_ = 1U << i;
         endpoint.latency_ns_ = std::max<std::int64_t>(options.receive_latency_ns, 0);
-        endpoint.jitter_ns_ = std::max<std::int64_t>(options.receive_jitter_ns, 0);
+        endpoint.jitter_ns_ = std::clamp<std::int64_t>(options.receive_jitter_ns, 0, max_jitter_ns);
         endpoint.transmit_.resize(transmit_mask_ + 1);
         endpoint.receive_.resize(receive_mask_ + 1);
         active_ |= endpoint.bit_;
@@ -250,15 +255,28 @@ std::size_t InProcessBus::winner() const {
     return best;
 }
 
-void InProcessBus::begin() {
+// Who would send next, from when to when, as the queues stand now. Whatever changes them takes `planned_`
+// back.
+void InProcessBus::plan() {
     sender_ = winner();
     const Endpoint& from = endpoints_[sender_];
-    const hal::CanFrame& frame = from.transmit_[from.transmit_first_];
     start_ns_ = std::max(free_ns_, request_ns_);
-    end_ns_ = start_ns_ + wire_time_ns(frame);
-    fate_ = fault_count_ == 0 ? Fate::pass : decide_fate(frame);
-    if (fate_ == Fate::destroy) {
-        end_ns_ += error_frame_ns_;
+    end_ns_ = start_ns_ + wire_time_ns(from.transmit_[from.transmit_first_]);
+    planned_ = true;
+}
+
+void InProcessBus::begin() {
+    if (!planned_) {
+        plan();
+    }
+    planned_ = false;
+    fate_ = Fate::pass;
+    if (fault_count_ != 0) {
+        const Endpoint& from = endpoints_[sender_];
+        fate_ = decide_fate(from.transmit_[from.transmit_first_]);
+        if (fate_ == Fate::destroy) {
+            end_ns_ += error_frame_ns_;
+        }
     }
     free_ns_ = end_ns_ + interframe_ns_;
     on_wire_ = true;
@@ -268,31 +286,26 @@ void InProcessBus::finish() {
     on_wire_ = false;
     totals_.busy_ns += free_ns_ - start_ns_;
     Endpoint& from = endpoints_[sender_];
-    if (fate_ == Fate::destroy) {
-        ++totals_.destroyed;
-        deliver_error(active_, error_protocol | error_bus, end_ns_);
-        from.transmit_errors_ += transmit_error_step;
-        if (from.transmit_errors_ >= bus_off_limit) {
-            leave_bus(from, end_ns_);
-        }
-        return;  // the frame stays first in its queue
-    }
     hal::CanFrame& frame = from.transmit_[from.transmit_first_];
-    ++totals_.frames;
-    if (fate_ == Fate::drop) {
-        ++totals_.dropped;
-    } else if (fate_ == Fate::corrupt) {
-        ++totals_.corrupted;
-        const std::uint64_t bit = random() % (std::uint64_t{frame.length} * 8);
-        frame.data[bit / 8] = static_cast<std::uint8_t>(frame.data[bit / 8] ^ (1U << (bit % 8)));
-    }
-    for (std::size_t i = 0; i < tap_count_; ++i) {
-        taps_[i]->on_frame(WireEvent{&frame, start_ns_, end_ns_, sender_, fate_ == Fate::drop});
-    }
-    if (fate_ != Fate::drop) {
-        for (std::uint32_t rest = active_ & ~from.bit_; rest != 0; rest &= rest - 1) {
-            endpoints_[static_cast<std::size_t>(std::countr_zero(rest))].offer(frame, end_ns_);
+    std::uint32_t receivers = active_ & ~from.bit_;
+    if (fate_ != Fate::pass) {
+        if (fate_ == Fate::destroy) {
+            destroy(from);
+            return;  // the frame stays first in its queue
         }
+        if (fate_ == Fate::drop) {
+            receivers = 0;
+            ++totals_.dropped;
+        } else {
+            corrupt(frame);
+        }
+    }
+    ++totals_.frames;
+    if (tap_count_ != 0) {
+        tell_taps(WireEvent{&frame, start_ns_, end_ns_, sender_, fate_ == Fate::drop});
+    }
+    for (; receivers != 0; receivers &= receivers - 1) {
+        endpoints_[static_cast<std::size_t>(std::countr_zero(receivers))].offer(frame, end_ns_);
     }
     if (from.transmit_errors_ > 0) {
         --from.transmit_errors_;
@@ -305,16 +318,36 @@ void InProcessBus::finish() {
     }
 }
 
+void InProcessBus::destroy(Endpoint& from) {
+    ++totals_.destroyed;
+    deliver_error(active_, error_protocol | error_bus, end_ns_);
+    from.transmit_errors_ += transmit_error_step;
+    if (from.transmit_errors_ >= bus_off_limit) {
+        leave_bus(from, end_ns_);
+    }
+}
+
+void InProcessBus::corrupt(hal::CanFrame& frame) {
+    ++totals_.corrupted;
+    const std::uint64_t bit = random_.bits() % (std::uint64_t{frame.length} * 8);
+    frame.data[bit / 8] = static_cast<std::uint8_t>(frame.data[bit / 8] ^ (1U << (bit % 8)));
+}
+
+void InProcessBus::tell_taps(const WireEvent& event) {
+    for (std::size_t i = 0; i < tap_count_; ++i) {
+        taps_[i]->on_frame(event);
+    }
+}
+
 std::int64_t InProcessBus::next_event_ns() {
     catch_up();
-    if (on_wire_) {
-        return end_ns_;
+    if (!on_wire_ && !planned_) {
+        if (waiting_ == 0) {
+            return never_ns;
+        }
+        plan();
     }
-    if (waiting_ == 0) {
-        return never_ns;
-    }
-    const Endpoint& from = endpoints_[winner()];
-    return std::max(free_ns_, request_ns_) + wire_time_ns(from.transmit_[from.transmit_first_]);
+    return end_ns_;
 }
 
 std::int64_t InProcessBus::wire_time_ns(const hal::CanFrame& frame) const {
@@ -374,9 +407,7 @@ InProcessBus::Fate InProcessBus::decide_fate(const hal::CanFrame& frame) {
         if (fate != Fate::pass || !candidate) {
             continue;
         }
-        constexpr double two_to_minus_53 = 1.0 / 9007199254740992.0;
-        if (rule.probability < 1 &&
-            static_cast<double>(random() >> 11) * two_to_minus_53 >= rule.probability) {
+        if (rule.probability < 1 && random_.uniform() >= rule.probability) {
             continue;
         }
         switch (rule.action) {
@@ -444,7 +475,7 @@ void InProcessBus::inject_error_frame(std::uint32_t error_class) {
 void InProcessBus::set_receive_latency(std::size_t index, std::int64_t latency_ns, std::int64_t jitter_ns) {
     catch_up();
     endpoints_[index].latency_ns_ = std::max<std::int64_t>(latency_ns, 0);
-    endpoints_[index].jitter_ns_ = std::max<std::int64_t>(jitter_ns, 0);
+    endpoints_[index].jitter_ns_ = std::clamp<std::int64_t>(jitter_ns, 0, max_jitter_ns);
 }
 
 void InProcessBus::deliver_error(std::uint32_t receivers, std::uint32_t error_class, std::int64_t time_ns) {
@@ -453,26 +484,10 @@ void InProcessBus::deliver_error(std::uint32_t receivers, std::uint32_t error_cl
     frame.length = 8;
     frame.error = true;
     frame.data.fill(0);
-    for (std::size_t i = 0; i < tap_count_; ++i) {
-        taps_[i]->on_frame(WireEvent{&frame, time_ns, time_ns, sender_, false});
-    }
+    tell_taps(WireEvent{&frame, time_ns, time_ns, sender_, false});
     for (; receivers != 0; receivers &= receivers - 1) {
         endpoints_[static_cast<std::size_t>(std::countr_zero(receivers))].offer(frame, time_ns);
     }
-}
-
-// SplitMix64 (Steele, Lea, Flood 2014): any seed is a good seed.
-std::uint64_t InProcessBus::random() {
-    random_state_ += 0x9E37'79B9'7F4A'7C15U;
-    std::uint64_t mixed = random_state_;
-    mixed = (mixed ^ (mixed >> 30)) * 0xBF58'476D'1CE4'E5B9U;
-    mixed = (mixed ^ (mixed >> 27)) * 0x94D0'49BB'1331'11EBU;
-    return mixed ^ (mixed >> 31);
-}
-
-// Uniform in 0 .. limit; the bias, limit / 2^32, does not matter here. limit < 2^31 (two seconds).
-std::int64_t InProcessBus::random_up_to(std::int64_t limit) {
-    return static_cast<std::int64_t>((random() >> 32) * static_cast<std::uint64_t>(limit + 1) >> 32);
 }
 
 }  // namespace wheelwright::sim

@@ -41,32 +41,41 @@ bool become_nobody() {
 
 }  // namespace
 
+// The address sanitizer replaces mlockall() by nothing, which then cannot be refused either.
+#ifdef __SANITIZE_ADDRESS__
+constexpr bool locks_are_real = false;
+#else
+constexpr bool locks_are_real = true;
+#endif
+
 TEST_GROUP(Realtime){};
 
 TEST(Realtime, without_privileges_every_refusal_names_what_is_missing_and_what_to_do) {
-    LONGS_EQUAL(0, in_a_child([] {
-                    if (!become_nobody()) {
-                        return 1;
-                    }
-                    hal::RealtimeOptions options;
-                    options.priority = 80;
-                    const auto refusals = hal::become_realtime(options);
-                    if (refusals.size() != 2) {
-                        return 2;
-                    }
-                    for (const hal::Refusal& refusal : refusals) {
-                        std::printf("%s\n", refusal.sentence().c_str());
-                    }
-                    std::fflush(stdout);
-                    const std::string memory = refusals[0].sentence();
-                    const std::string priority = refusals[1].sentence();
-                    return contains(memory, "CAP_IPC_LOCK") && contains(memory, "LimitMEMLOCK") &&
-                                   contains(priority, "CAP_SYS_NICE") && contains(priority, "80") &&
-                                   contains(priority, "LimitRTPRIO=80") &&
-                                   sched_getscheduler(0) == SCHED_OTHER
-                               ? 0
-                               : 3;
-                }));
+    LONGS_EQUAL(
+        0, in_a_child([] {
+            if (!become_nobody()) {
+                return 1;
+            }
+            hal::RealtimeOptions options;
+            options.priority = 80;
+            const auto refusals = hal::become_realtime(options);
+            if (refusals.size() != (locks_are_real ? 2 : 1)) {
+                return 2;
+            }
+            for (const hal::Refusal& refusal : refusals) {
+                std::printf("%s\n", refusal.sentence().c_str());
+            }
+            std::fflush(stdout);
+            const std::string memory = refusals.front().sentence();
+            const std::string priority = refusals.back().sentence();
+            if (locks_are_real && !(contains(memory, "CAP_IPC_LOCK") && contains(memory, "LimitMEMLOCK"))) {
+                return 4;
+            }
+            return contains(priority, "CAP_SYS_NICE") && contains(priority, "80") &&
+                           contains(priority, "LimitRTPRIO=80") && sched_getscheduler(0) == SCHED_OTHER
+                       ? 0
+                       : 3;
+        }));
 }
 
 TEST(Realtime, what_is_not_refused_is_in_force) {
@@ -107,7 +116,7 @@ TEST(Realtime, a_locked_process_says_so_in_its_status) {
                     if (status != nullptr) {
                         std::fclose(status);
                     }
-                    return refused || locked_kib > 100 ? 0 : 1;
+                    return refused || locked_kib > 100 || !locks_are_real ? 0 : 1;
                 }));
 }
 
