@@ -18,6 +18,8 @@ constexpr std::array kCommands{
     &add_ctl,
     &add_monitor,
     &add_record,
+    &add_ident,
+    &add_paper,
 };
 
 }  // namespace

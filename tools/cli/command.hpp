@@ -16,13 +16,11 @@ class App;
 namespace wheelwright::tools {
 
 // Exit status, the same for every subcommand.
-enum ExitStatus : int {
-    kDone = 0,
-    kUsage = 1,         // usage or configuration, bad robot files included
-    kBadInput = 2,      // a log or another input that cannot be used
-    kAimMissed = 3,     // ran, but did not reach its aim
-    kMachineLacks = 4,  // no CAN, no permission, no room
-};
+inline constexpr int kDone = 0;
+inline constexpr int kUsage = 1;         // usage or configuration, bad robot files included
+inline constexpr int kBadInput = 2;      // a log or another input that cannot be used
+inline constexpr int kAimMissed = 3;     // ran, but did not reach its aim
+inline constexpr int kMachineLacks = 4;  // no CAN, no permission, no room
 
 // What the chosen subcommand does once the command line is understood; returns the exit status.
 using Run = std::function<int()>;
@@ -30,8 +28,10 @@ using Run = std::function<int()>;
 void add_check(CLI::App& program, Run& run);
 void add_ctl(CLI::App& program, Run& run);
 void add_demo(CLI::App& program, Run& run);
+void add_ident(CLI::App& program, Run& run);
 void add_monitor(CLI::App& program, Run& run);
 void add_record(CLI::App& program, Run& run);
+void add_paper(CLI::App& program, Run& run);
 void add_sim(CLI::App& program, Run& run);
 
 }  // namespace wheelwright::tools

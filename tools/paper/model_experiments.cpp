@@ -12,6 +12,7 @@
 #include "firmware/model/effects.hpp"
 #include "sim_hal/plant.hpp"
 #include "sim_hal/random.hpp"
+#include "tools/paper/table1.hpp"
 
 namespace wheelwright::paper {
 namespace {
@@ -85,24 +86,21 @@ ArxResult run_arx_4_3(std::size_t samples) {
 }
 
 PrecisionResult run_precision(std::size_t samples) {
-    const std::array<double, 2> truth{0.0413, 1.40855};  // K5, K7 of the notes' robot
-    sim::Random random(5);
-    ident::Prbs right(ident::kPrbsRight, 3, 1);
-    ident::Prbs left(ident::kPrbsLeft, 4, 1);
+    const std::vector<Table1Row> rows =
+        run_table1({.seed = 3, .samples = samples, .keep_rows = true}).rows[0];
     ident::UdRls<float, 2> ours;
     ours.reset({0, 0}, {1e6F, 1e6F});
     std::array<float, 2> theta{};
     std::array<std::array<float, 2>, 2> p{{{1e6F, 0}, {0, 1e6F}}};
-    Eigen::Matrix2d normal = Eigen::Matrix2d::Zero();
+    // the information form in double serves as the batch solution
+    Eigen::Matrix2d normal = Eigen::Matrix2d::Identity() / kPrior;
     Eigen::Vector2d moment = Eigen::Vector2d::Zero();
-    double omega = 0;
+    sim::Random random(5);
     PrecisionResult result;
-    for (std::size_t n = 0; n < samples; ++n) {
-        omega = 0.98 * omega + 1.3 * random.gaussian();
-        const std::array<float, 2> phi{static_cast<float>(omega * omega),
-                                       5.0F * static_cast<float>(right.next() + left.next())};
-        const auto y = static_cast<float>(truth[0] * static_cast<double>(phi[0]) +
-                                          truth[1] * static_cast<double>(phi[1]) + 0.05 * random.gaussian());
+    for (std::size_t n = 0; n < rows.size(); ++n) {
+        const std::array<float, 2> phi{static_cast<float>(rows[n].phi[0]),
+                                       static_cast<float>(rows[n].phi[1])};
+        const auto y = static_cast<float>(rows[n].y + 0.5 * random.gaussian());
         ours.update(phi, y);
         // eq (33)-(35) as printed
         const std::array<float, 2> pf{p[0][0] * phi[0] + p[0][1] * phi[1],
@@ -115,16 +113,19 @@ PrecisionResult run_precision(std::size_t samples) {
                                       phi[0] * p[0][1] + phi[1] * p[1][1]};
         for (std::size_t i = 0; i < 2; ++i)
             for (std::size_t j = 0; j < 2; ++j) p[i][j] -= k[i] * fp[j];
-        if (result.textbook_negative_after == 0 && (p[0][0] < 0 || p[1][1] < 0))
-            result.textbook_negative_after = n + 1;
+        const bool negative = p[0][0] < 0 || p[1][1] < 0 || p[0][0] * p[1][1] < p[0][1] * p[1][0];
+        if (result.textbook_negative_after == 0 && negative) result.textbook_negative_after = n + 1;
         const Eigen::Vector2d exact(phi[0], phi[1]);
         normal += exact * exact.transpose();
         moment += exact * static_cast<double>(y);
     }
-    normal += Eigen::Matrix2d::Identity() / kPrior;
     const Eigen::Vector2d batch = normal.ldlt().solve(moment);
-    result.factorised = std::abs(static_cast<double>(ours.theta()[1]) / batch(1) - 1);
-    result.textbook = std::abs(static_cast<double>(theta[1]) / batch(1) - 1);
+    for (std::size_t i = 0; i < 2; ++i) {
+        const double truth = batch(static_cast<Eigen::Index>(i));
+        const auto off = [truth](float value) { return std::abs(static_cast<double>(value) / truth - 1); };
+        result.factorised = std::max(result.factorised, off(ours.theta()[i]));
+        result.textbook = std::max(result.textbook, off(theta[i]));
+    }
     return result;
 }
 

@@ -21,12 +21,12 @@ struct ArxResult {
 ArxResult run_arx_2_2(std::size_t samples);
 ArxResult run_arx_4_3(std::size_t samples);
 
-// Recursive least squares, with P(-1) = 1e6 I, on K5/K7 data, float against the data's batch solution:
-// ours (factorised) and the textbook's update (31). Relative error of K7; the textbook's P loses its sign.
+// Single precision, P(-1) = 1e6 I, on the K5/K7 rows of Table 1's experiment: ours (factorised) and the
+// textbook's update (31), each against the batch solution of the same rows. Largest relative error of K5, K7.
 struct PrecisionResult {
     double factorised = 0;
     double textbook = 0;
-    std::size_t textbook_negative_after = 0;  // samples until a diagonal entry of P is negative; 0: never
+    std::size_t textbook_negative_after = 0;  // samples until P is no longer positive; 0: never
 };
 PrecisionResult run_precision(std::size_t samples);
 

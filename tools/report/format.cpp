@@ -67,6 +67,11 @@ std::string significant(double value, int digits) {
     return fixed(std::strtod(text.c_str(), nullptr), decimals > 0 ? decimals : 0);
 }
 
+std::string signed_significant(double value, int digits) {
+    const std::string text = significant(value, digits);
+    return value > 0 && std::isfinite(value) ? "+" + text : text;
+}
+
 std::string percent(double share, int decimals) { return with_unit(fixed(100 * share, decimals), "%"); }
 
 std::string with_unit(const std::string& number, const std::string& unit) {
