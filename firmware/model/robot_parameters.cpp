@@ -40,8 +40,8 @@ const std::array kTable{
     WW_REAL(0x0010, limits.torque_Nm, "Nm", 5.0, 0.01, 1000.0, idle, "largest torque asked of one wheel"),
     WW_REAL(0x0011, limits.speed_m_per_s, "m/s", 2.5, 0.01, 20.0, idle, "largest forward or reverse speed commanded"),
     WW_REAL(0x0012, limits.yaw_rate_rad_per_s, "rad/s", 6.0, 0.01, 50.0, idle, "largest yaw rate commanded"),
-    WW_REAL(0x0013, limits.acceleration_m_per_s2, "m/s^2", 20.0, 0.01, 200.0, idle, "largest rate of change of the commanded speed"),
-    WW_REAL(0x0014, limits.yaw_acceleration_rad_per_s2, "rad/s^2", 100.0, 0.01, 2000.0, idle, "largest rate of change of the commanded yaw rate"),
+    WW_REAL(0x0013, limits.acceleration_m_per_s2, "m/s^2", 50.0, 0.01, 200.0, idle, "largest rate of change of the commanded speed"),
+    WW_REAL(0x0014, limits.yaw_acceleration_rad_per_s2, "rad/s^2", 200.0, 0.01, 2000.0, idle, "largest rate of change of the commanded yaw rate"),
 
     WW_REAL(0x0020, bus.bit_rate_bit_per_s, "bit/s", 1e6, 1e5, 1e6, start, "bit rate of the drives' bus"),
     WW_REAL(0x0021, bus.host_bit_rate_bit_per_s, "bit/s", 1e6, 1e5, 1e6, start, "bit rate of the host's bus, where it is another one"),

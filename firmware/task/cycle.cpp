@@ -55,6 +55,8 @@ void Cycle::configure() {
     control_.configure(parameters_);
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
     odometry_.configure(control::odometry_settings<double>(parameters_));
+    ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
+    ports_.right.set_torque_scale(parameters_.drive.right.torque_scale);
 }
 
 void Cycle::think(const CycleTime& time) {

@@ -24,10 +24,8 @@ constexpr double kPathRamp_s = 1.0;
 void MotionControl::configure(const model::RobotParameters& parameters) {
     parameters_ = parameters;
     plant_ = control::plant_model<double>(parameters);
-    limiter_.configure(std::min(parameters.limits.acceleration_m_per_s2,
-                                2 * parameters.dynamics.k7_per_kg_m * parameters.limits.torque_Nm),
-                       std::min(parameters.limits.yaw_acceleration_rad_per_s2,
-                                2 * parameters.dynamics.k8_per_kg_m2 * parameters.limits.torque_Nm));
+    limiter_.configure(parameters.limits.acceleration_m_per_s2,
+                       parameters.limits.yaw_acceleration_rad_per_s2);
     pose_.configure(control::pose_control_settings<double>(parameters));
     tracker_.configure(control::tracking_settings<double>(parameters));
     if (path_.period_s == 0) select_trajectory({});
