@@ -232,7 +232,7 @@ TEST_GROUP(GuardedModel) {
         estimate.standard_error = {0.001, 0.01, 0.01, 0.05};
     }
     void run(double seconds, bool may_adapt = true) {
-        for (int k = 0; k < static_cast<int>(seconds * 1000 + 0.5); ++k) guard.update(estimate, may_adapt);
+        for (int k = 0; k < std::lround(seconds * 1000); ++k) guard.update(estimate, may_adapt);
     }
 };
 
