@@ -175,8 +175,8 @@ void InProcessBus::Endpoint::offer(const hal::CanFrame& frame, std::int64_t time
         available_ns += static_cast<std::int64_t>(
             (bus_->random_.bits() >> 32) * static_cast<std::uint64_t>(jitter_ns_ + 1) >> 32);
     }
-    last_available_ns_ = std::max(last_available_ns_, available_ns);
-    slot.available_ns = last_available_ns_;
+    // A frame that is ready before the one in front of it waits for that: the queue keeps their order.
+    slot.available_ns = available_ns;
 }
 
 void InProcessBus::Endpoint::drop_transmit_queue() {

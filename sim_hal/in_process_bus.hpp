@@ -134,7 +134,6 @@ class InProcessBus {
         std::uint32_t transmit_errors_ = 0;
         std::int64_t latency_ns_ = 0;
         std::int64_t jitter_ns_ = 0;
-        std::int64_t last_available_ns_ = std::numeric_limits<std::int64_t>::min();
         // Rings of a power of two; `..._capacity_` may be less.
         std::vector<hal::CanFrame> transmit_;
         std::size_t transmit_first_ = 0;
