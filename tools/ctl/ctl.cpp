@@ -183,7 +183,7 @@ int send_mode(const Options& options, protocol::Mode mode) {
     if (const int status = link.open(); status != kDone) return status;
     link.forget_received();
     if (const int status = link.send(command); status != kDone) return status;
-    const int result = options.no_wait ? static_cast<int>(kDone) : await_state(link, mode);
+    const int result = options.no_wait ? kDone : await_state(link, mode);
     Link::leave_slot();
     return result;
 }
@@ -493,7 +493,7 @@ void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
             Link link(*options);
             if (const int status = link.open(); status != kDone) return status;
             if (const int status = link.send(commands.front()); status != kDone) return status;
-            return options->no_wait ? static_cast<int>(kDone) : await_state(link, protocol::Mode::fault);
+            return options->no_wait ? kDone : await_state(link, protocol::Mode::fault);
         };
     });
     CLI::App* clear = subcommand(ctl, "clear", "Clear a latched fault, whose cause must be gone");
@@ -506,8 +506,7 @@ void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
             if (const int status = link.open(); status != kDone) return status;
             link.forget_received();
             if (const int status = link.send(commands.front()); status != kDone) return status;
-            const int result =
-                options->no_wait ? static_cast<int>(kDone) : await_state(link, protocol::Mode::idle);
+            const int result = options->no_wait ? kDone : await_state(link, protocol::Mode::idle);
             Link::leave_slot();
             return result;
         };
@@ -533,7 +532,7 @@ void add_param(CLI::App* ctl, const Shared& options, Run& run) {
     get->callback([=, &run] {
         run = [=] {
             const auto parameter = find();
-            if (!parameter.has_value()) return static_cast<int>(kUsage);
+            if (!parameter.has_value()) return kUsage;
             return run_parameter(*options, ParameterOperation::read, parameter, 0, false);
         };
     });
@@ -544,7 +543,7 @@ void add_param(CLI::App* ctl, const Shared& options, Run& run) {
     set->callback([=, &run] {
         run = [=] {
             const auto parameter = find();
-            if (!parameter.has_value()) return static_cast<int>(kUsage);
+            if (!parameter.has_value()) return kUsage;
             std::string expected;
             const auto number = parse_parameter_value(*parameter, *value, expected);
             if (!number.has_value()) {

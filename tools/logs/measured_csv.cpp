@@ -26,7 +26,14 @@ struct ColumnInfo {
     std::string_view name;
     bool needed;
 };
-enum ColumnIndex : std::size_t { kTime, kTorqueLeft, kTorqueRight, kSpeedLeft, kSpeedRight, kGyro, kAccel };
+// Places in kColumns.
+constexpr std::size_t kTime = 0;
+constexpr std::size_t kTorqueLeft = 1;
+constexpr std::size_t kTorqueRight = 2;
+constexpr std::size_t kSpeedLeft = 3;
+constexpr std::size_t kSpeedRight = 4;
+constexpr std::size_t kGyro = 5;
+constexpr std::size_t kAccel = 6;
 constexpr std::array<ColumnInfo, 7> kColumns{{
     {"t_s", true},
     {"tau_left_Nm", true},

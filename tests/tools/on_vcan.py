@@ -1,0 +1,202 @@
+"""ctl, monitor and record on a real vcan0, against a pretended firmware that knows only canmatrix and the
+kernel. Run by toolchain/uml/with-vcan where there is no vcan0. Usage: on_vcan.py PROGRAM SOURCE_FOLDER"""
+import os
+import re
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import unittest
+
+import canmatrix.formats
+
+PROGRAM, SOURCE = sys.argv[1], sys.argv[2]
+DBC = list(canmatrix.formats.loadp(os.path.join(SOURCE, "firmware/protocol/wheelwright.dbc")).values())[0]
+IDS = {frame.name: frame.arbitration_id.id for frame in DBC.frames}
+NAMES = {number: name for name, number in IDS.items()}
+MODES = ["boot", "idle", "torque", "ident", "velocity", "pose", "trajectory", "adaptive", "fault"]
+
+
+def encode(name, **values):
+    frame = DBC.frame_by_name(name)
+    raw = {signal.name: 0 for signal in frame.signals}
+    raw.update(values)
+    return frame.encode(raw)
+
+
+class Firmware(threading.Thread):
+    """Sends Status each 20 ms, enters each mode it is asked for (but refuses adaptive), answers parameters."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.bind(("vcan0",))
+        self.socket.settimeout(0.005)
+        self.received = []  # (time, name, data)
+        self.state, self.blocker = 1, 0
+        self.value = 5.0
+        self.running = True
+        self.start()
+
+    def send(self, name, data):
+        self.socket.send(struct.pack("=IB3x8s", IDS[name], len(data), bytes(data)))
+
+    def run(self):
+        due = 0
+        while self.running:
+            now = time.monotonic()
+            if now >= due:
+                due = now + 0.02
+                self.send("Status", encode("Status", State=self.state, Requested=self.state, Blocker=self.blocker))
+            try:
+                number, length, data = struct.unpack("=IB3x8s", self.socket.recv(16))
+            except TimeoutError:
+                continue
+            name, data = NAMES.get(number), data[:length]
+            self.received.append((time.monotonic(), name, data))
+            if name == "ModeCommand":
+                self.state, self.blocker = (self.state, 6) if data[2] == 7 else (data[2], 0)
+            elif name == "EmergencyStop":
+                self.state = 8
+            elif name == "ClearFault":
+                self.state = 1
+            elif name == "ParameterRequest":
+                operation, index = data[1] >> 4, data[2] | data[3] << 8
+                result = 0
+                if operation == 1:
+                    self.value = struct.unpack("<f", data[4:8])[0]
+                elif operation == 2:
+                    result = 5
+                elif operation == 4:
+                    self.send("ParameterReply", bytes([4 | 8 << 4, 0, 0, 0]) + bytes(4))
+                    time.sleep(0.05)
+                self.send("ParameterReply", bytes([operation | result << 4, index & 255, index >> 8, 0])
+                          + struct.pack("<f", self.value))
+
+    def end(self):
+        self.running = False
+        self.join()
+        self.socket.close()
+
+    def of(self, name):
+        return [(when, data) for when, received, data in self.received if received == name]
+
+
+def run(*arguments):
+    done = subprocess.run([PROGRAM, *arguments], capture_output=True, text=True, timeout=30)
+    return done.returncode, done.stdout, done.stderr
+
+
+class OnVcan(unittest.TestCase):
+    def setUp(self):
+        self.firmware = Firmware()
+        self.addCleanup(self.firmware.end)
+
+    def test_modes_are_entered_or_the_refusal_is_named(self):
+        self.assertEqual(run("ctl", "--can", "vcan0", "mode", "velocity"), (0, "state velocity\n", ""))
+        status, _, err = run("ctl", "--can", "vcan0", "mode", "adaptive")
+        self.assertEqual(status, 3)
+        self.assertIn("blocked by model_not_trusted", err)
+        status, out, _ = run("ctl", "--can", "vcan0", "stop")
+        self.assertEqual((status, out), (0, "state fault, blocked by model_not_trusted\n"))
+        self.assertEqual(run("ctl", "--can", "vcan0", "clear")[0], 0)
+
+    def test_calls_in_a_row_never_repeat_the_alive_counter(self):
+        for _ in range(6):
+            self.assertEqual(run("ctl", "--can", "vcan0", "--no-wait", "mode", "idle")[0], 0)
+        frames = self.firmware.of("ModeCommand")
+        self.assertEqual(len(frames), 6)
+        for (before, first), (after, second) in zip(frames, frames[1:]):
+            if after - before < 0.5:
+                self.assertNotEqual(first[1] & 15, second[1] & 15)
+
+    def test_setpoints_are_repeated_at_their_rate_with_running_counters(self):
+        status, _, err = run("ctl", "--can", "vcan0", "velocity", "0.25", "-0.5", "--for", "1", "--enter")
+        self.assertEqual((status, err), (0, ""))
+        frames = self.firmware.of("VelocityCommand")
+        self.assertTrue(25 <= len(frames) <= 52, len(frames))
+        counters = [data[1] & 15 for _, data in frames]
+        self.assertTrue(all(b == (a + 1) % 15 for a, b in zip(counters, counters[1:])), counters)
+        self.assertEqual(struct.unpack("<hh", frames[0][1][2:6]), (500, -500))
+        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand")], [4, 1])
+        run("ctl", "--can", "vcan0", "torque", "1", "2", "--for", "0.5", "--rate", "100")
+        self.assertTrue(25 <= len(self.firmware.of("TorqueCommand")) <= 52)
+
+    def test_ctrl_c_ends_repetition(self):
+        process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "torque", "0", "0"])
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        self.assertEqual(process.wait(2), 0)
+
+    def test_parameters_are_read_written_and_saved(self):
+        self.assertEqual(run("ctl", "--can", "vcan0", "param", "set", "limits.torque_Nm", "4.3")[1],
+                         "limits.torque_Nm = 4.3 Nm\n")
+        self.assertEqual(run("ctl", "--can", "vcan0", "param", "get", "0x0010")[1], "limits.torque_Nm = 4.3 Nm\n")
+        status, _, err = run("ctl", "--can", "vcan0", "param", "commit")
+        self.assertEqual(status, 3)
+        self.assertIn("not_now", err)
+        self.assertEqual(run("ctl", "--can", "vcan0", "param", "save")[1], "save: ok\n")
+
+    def test_monitor_prints_lines_when_it_is_not_on_a_terminal(self):
+        status, out, err = run("monitor", "--can", "vcan0", "--for", "1", "--every", "0.3")
+        self.assertEqual((status, err), (0, ""))
+        self.assertTrue(2 <= len(out.splitlines()) <= 5, out)
+        self.assertIn("idle", out)
+
+    def test_a_record_is_what_candump_writes(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "bus.log")
+            candump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=subprocess.PIPE, text=True)
+            record = subprocess.Popen([PROGRAM, "record", "--can", "vcan0", "--out", path],
+                                      stderr=subprocess.PIPE, text=True)
+            time.sleep(0.5)
+            for frame in ("123#R", "00012345#1122", "7FF#0011223344556677", "100#"):
+                subprocess.run(["cansend", "vcan0", frame], check=True)
+            time.sleep(0.5)
+            record.send_signal(signal.SIGINT)
+            self.assertEqual(record.wait(5), 0)
+            self.assertRegex(record.stderr.read(), r"^\d+ frames in \d\.\d s\n$")
+            record.stderr.close()
+            candump.terminate()
+            theirs = candump.stdout.read().splitlines()
+            candump.stdout.close()
+            candump.wait()
+            with open(path, encoding="ascii") as file:
+                ours = file.read().splitlines()
+            self.assertGreater(len(ours), 30)
+            frames = [line.split(" ", 1)[1] for line in ours]
+            for frame in ("123#R", "00012345#1122", "7FF#0011223344556677", "100#"):
+                self.assertIn("vcan0 " + frame, frames)
+            # The same frames with the kernel's times; our clock conversion may be off by a little.
+            all_theirs = [line.split(" ", 1)[1] for line in theirs]
+            self.assertIn("\n".join(frames), "\n".join(all_theirs))
+            marker = "vcan0 00012345#1122"
+            time_of = lambda lines: float(re.match(r"\((.*?)\)", next(x for x in lines if marker in x)).group(1))
+            self.assertLess(abs(time_of(ours) - time_of(theirs)), 0.001)
+            self.assertEqual(run("record", "--can", "vcan0", "--out", path)[0], 1)  # never overwritten
+            self.assertEqual(run("monitor", "--log", path)[0], 0)
+
+
+class Silence(unittest.TestCase):
+    def test_nobody_answers(self):
+        status, _, err = run("ctl", "--can", "vcan0", "mode", "idle")
+        self.assertEqual(status, 3)
+        self.assertIn("no Status frame came back", err)
+        self.assertEqual(run("ctl", "--can", "vcan0", "param", "get", "limits.torque_Nm")[0], 3)
+        self.assertEqual(run("monitor", "--can", "vcan0", "--for", "0.2")[0], 3)
+
+    def test_an_interface_that_is_down_is_4(self):
+        subprocess.run(["ip", "link", "add", "vcan9", "type", "vcan"], check=True)
+        status, _, err = run("ctl", "--can", "vcan9", "mode", "idle")
+        self.assertEqual(status, 4)
+        self.assertEqual(err.count("\n"), 1)
+        self.assertIn("up", err)
+        subprocess.run(["ip", "link", "delete", "vcan9"], check=True)
+
+
+if __name__ == "__main__":
+    unittest.main(argv=[sys.argv[0], "-v"])
