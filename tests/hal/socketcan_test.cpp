@@ -53,7 +53,10 @@ class ErrorSource {
     ErrorSource(const ErrorSource&) = delete;
     ErrorSource& operator=(const ErrorSource&) = delete;
 
-    void report(std::uint32_t error_class) const {
+    std::uint64_t reported() const { return reported_; }
+
+    void report(std::uint32_t error_class) {
+        ++reported_;
         can_frame frame{};
         frame.can_id = CAN_ERR_FLAG | error_class;
         frame.can_dlc = 8;
@@ -62,11 +65,24 @@ class ErrorSource {
 
   private:
     int socket_;
+    std::uint64_t reported_ = 0;
 };
+
+// Waits for a frame: vcan delivers in a soft interrupt, which a busy machine may put off until after send().
+hal::CanStatus receive_soon(hal::CanBus& bus, hal::ReceivedFrame& out) {
+    hal::MonotonicClock clock;
+    const std::int64_t limit_ns = clock.now_ns() + 5'000'000'000;
+    hal::CanStatus status = bus.receive(out);
+    while (status == hal::CanStatus::would_block && clock.now_ns() < limit_ns) {
+        clock.sleep_until_ns(clock.now_ns() + 1'000'000);
+        status = bus.receive(out);
+    }
+    return status;
+}
 
 class SocketCanRig {
   public:
-    SocketCanRig() : buses_{open_bus(), open_bus(), open_bus()} {}
+    SocketCanRig() : witness_(open_bus()), buses_{open_bus(), open_bus(), open_bus()} {}
     ~SocketCanRig() {
         if (limited_) {
             shell("tc qdisc del dev vcan0 root");
@@ -90,15 +106,26 @@ class SocketCanRig {
     void make_error_frame(std::uint32_t error_class) { errors_.report(error_class); }
     void set_bus_off(bool off) { errors_.report(off ? 0x40 : 0x100); }
 
+    // The witness, who has been there longest and so is served last, must have seen all that was sent.
     void settle() {
-        if (limited_) {
-            clock_.sleep_until_ns(clock_.now_ns() + 300'000'000);
+        std::uint64_t sent = errors_.reported();
+        for (const auto& bus : buses_) {
+            sent += bus->statistics().frames_sent;
         }
-        // Otherwise a frame has arrived when send() returns: vcan hands it over in the sender's own time.
+        hal::ReceivedFrame received;
+        while (witnessed_ < sent) {
+            const hal::CanStatus status = receive_soon(*witness_, received);
+            if (status == hal::CanStatus::would_block) {
+                FAIL("a frame that was sent has not arrived within five seconds");
+            }
+            witnessed_ += status == hal::CanStatus::ok ? 1 : 0;
+        }
     }
 
   private:
     mutable hal::MonotonicClock clock_;
+    std::unique_ptr<hal::SocketCanBus> witness_;
+    std::uint64_t witnessed_ = 0;
     std::array<std::unique_ptr<hal::SocketCanBus>, 3> buses_;
     ErrorSource errors_;
     bool limited_ = false;
@@ -152,7 +179,10 @@ TEST(SocketCan, each_reason_not_to_open_is_named_with_its_remedy) {
 TEST(SocketCan, interfaces_do_not_hear_each_other) {
     const auto one = open_bus("vcan0");
     const auto other = open_bus("vcan1");
+    const auto neighbour = open_bus("vcan0");
     CHECK(one->send(contract::make_frame(0x1, 1)) == hal::CanStatus::ok);
+    hal::ReceivedFrame received;
+    CHECK(receive_soon(*neighbour, received) == hal::CanStatus::ok);
     LONGS_EQUAL(0, contract::drain(*other));
 }
 
@@ -162,7 +192,7 @@ TEST(SocketCan, an_interface_that_is_removed_is_down_for_good) {
     CHECK(bus->send(contract::make_frame(0x1, 1)) == hal::CanStatus::ok);
     shell("ip link del vcan9");
     hal::ReceivedFrame received;
-    CHECK(bus->receive(received) == hal::CanStatus::bus_down);
+    CHECK(receive_soon(*bus, received) == hal::CanStatus::bus_down);
     CHECK(bus->send(contract::make_frame(0x1, 1)) == hal::CanStatus::bus_down);
     CHECK(bus->receive(received) == hal::CanStatus::bus_down);
 }
@@ -171,17 +201,17 @@ TEST(SocketCan, cansend_and_candump_understand_us) {
     const auto bus = open_bus();
     shell("cansend vcan0 123#0102030405060708 && cansend vcan0 12345678#R && cansend vcan0 001#");
     hal::ReceivedFrame received;
-    CHECK(bus->receive(received) == hal::CanStatus::ok);
+    CHECK(receive_soon(*bus, received) == hal::CanStatus::ok);
     LONGS_EQUAL(0x123, received.frame.id);
     LONGS_EQUAL(8, received.frame.length);
     for (std::size_t i = 0; i < 8; ++i) {
         LONGS_EQUAL(i + 1, received.frame.data[i]);
     }
-    CHECK(bus->receive(received) == hal::CanStatus::ok);
+    CHECK(receive_soon(*bus, received) == hal::CanStatus::ok);
     LONGS_EQUAL(0x12345678, received.frame.id);
     CHECK(received.frame.extended);
     CHECK(received.frame.remote);
-    CHECK(bus->receive(received) == hal::CanStatus::ok);
+    CHECK(receive_soon(*bus, received) == hal::CanStatus::ok);
     LONGS_EQUAL(1, received.frame.id);
     LONGS_EQUAL(0, received.frame.length);
 
@@ -209,9 +239,9 @@ TEST(SocketCan, a_stamp_is_the_kernels_and_not_the_time_of_reading) {
     CHECK(sender->send(contract::make_frame(0x1, 1)) == hal::CanStatus::ok);
     const std::int64_t after_ns = clock.now_ns();
     clock.sleep_until_ns(after_ns + 50'000'000);
-    CHECK(receiver->receive(received) == hal::CanStatus::ok);
+    CHECK(receive_soon(*receiver, received) == hal::CanStatus::ok);
     CHECK(received.timestamp_ns >= before_ns);
-    CHECK(received.timestamp_ns <= after_ns + 1'000'000);
+    CHECK(received.timestamp_ns <= after_ns + 10'000'000);
 }
 
 // Somebody (a time server) sets the wall clock while frames wait: monotonic stamps must not follow it.
@@ -233,10 +263,10 @@ TEST(SocketCan, setting_the_wall_clock_does_not_move_the_stamps) {
         clock_gettime(CLOCK_REALTIME, &wall);
         wall.tv_sec += step_s;
         CHECK(clock_settime(CLOCK_REALTIME, &wall) == 0);
-        CHECK(receiver->receive(received) == hal::CanStatus::ok);
+        CHECK(receive_soon(*receiver, received) == hal::CanStatus::ok);
         std::printf("step %d s: stamped %.3f ms after sending began\n", step_s,
                     static_cast<double>(received.timestamp_ns - before_ns) / 1e6);
         CHECK(received.timestamp_ns >= before_ns);
-        CHECK(received.timestamp_ns <= after_ns + 1'000'000);
+        CHECK(received.timestamp_ns <= after_ns + 10'000'000);
     }
 }
