@@ -28,6 +28,7 @@ struct Options {
     std::string json;
     std::string interface;
     bool external_poses = false;
+    std::string trace;
     std::vector<std::string> actions;
 };
 
@@ -222,6 +223,46 @@ int run_virtual(const Options& options) {
     }
 }
 
+// The robot's true motion as a table of numbers, for whoever judges a firmware from outside.
+class Trace {
+  public:
+    explicit Trace(const std::string& path) : offset_ns_(wall_clock_offset_ns()) {
+        if (path.empty()) return;
+        file_ = std::fopen(path.c_str(), "w");
+        failed_ = file_ == nullptr;
+        if (failed_) return;
+        std::setvbuf(file_, nullptr, _IOLBF, BUFSIZ);  // each row can be read at once
+        std::fputs("time_s,x_m,y_m,heading_rad,speed_m_per_s,yaw_rate_rad_per_s\n", file_);
+    }
+    ~Trace() {
+        if (file_ != nullptr) std::fclose(file_);
+    }
+    Trace(const Trace&) = delete;
+    Trace& operator=(const Trace&) = delete;
+
+    bool failed() const { return failed_; }
+
+    // A row if one is due.
+    void step(std::int64_t now_ns, const sim::World& world) {
+        if (file_ == nullptr || now_ns < next_ns_) return;
+        next_ns_ = now_ns + kPeriod_ns;
+        const Pose<double>& pose = world.pose();
+        const Twist<double>& twist = world.twist();
+        if (std::fprintf(file_, "%.6f,%.5f,%.5f,%.5f,%.5f,%.5f\n",
+                         1e-9 * static_cast<double>(now_ns + offset_ns_), pose.x_m, pose.y_m,
+                         wrap_angle_rad(pose.heading_rad), twist.v_m_per_s, twist.omega_rad_per_s) < 0) {
+            failed_ = true;
+        }
+    }
+
+  private:
+    static constexpr std::int64_t kPeriod_ns = 10'000'000;
+    std::FILE* file_ = nullptr;
+    std::int64_t offset_ns_;  // rows bear wall-clock time, as candump -L does
+    std::int64_t next_ns_ = 0;
+    bool failed_ = false;
+};
+
 // The robot alone: two drives and a body on a real interface; somebody else is the firmware.
 int run_robot(const Options& options) {
     task::RobotFile plant;
@@ -243,6 +284,12 @@ int run_robot(const Options& options) {
         hal::CanFilter{static_cast<std::uint32_t>(plant.parameters.drive.right.node) << 5, kNodeMask, false}};
     bus->set_filters(filters);
 
+    Trace trace(options.trace);
+    if (trace.failed()) {
+        std::fprintf(stderr, "wheelwright sim: cannot write %s\n", options.trace.c_str());
+        return kMachineLacks;
+    }
+
     catch_interrupt();
     hal::MonotonicClock clock;
     const std::int64_t begin_ns = clock.now_ns();
@@ -261,6 +308,7 @@ int run_robot(const Options& options) {
         if (now >= end_ns) break;
         world.pump(now);
         poses.step(now);
+        trace.step(now, world);
         clock.sleep_until_ns(std::min(end_ns, std::max(world.next_event_ns(), now + kGlance_ns)));
     }
     Report report("sim");
@@ -270,6 +318,10 @@ int run_robot(const Options& options) {
     report.add("heading_rad", "heading", wrap_angle_rad(world.pose().heading_rad), "rad");
     report.add("speed_m_per_s", "speed", world.twist().v_m_per_s, "m/s");
     report.add("yaw_rate_rad_per_s", "yaw rate", world.twist().omega_rad_per_s, "rad/s");
+    if (trace.failed()) {
+        std::fprintf(stderr, "wheelwright sim: %s could not be written whole\n", options.trace.c_str());
+        return kMachineLacks;
+    }
     return report.publish(options.json) ? kDone : kMachineLacks;
 }
 
@@ -291,9 +343,14 @@ void add_sim(CLI::App& program, Run& run) {
     command->add_option("--duration", options->duration_s, "Seconds to run (default: until all is done)")
         ->check(CLI::PositiveNumber);
     command->add_option("--log", options->log, "Write the bus as candump -L");
-    command->add_option("--can", options->interface, "Play the robot on this interface, in real time");
+    CLI::Option* can =
+        command->add_option("--can", options->interface, "Play the robot on this interface, in real time");
     command->add_flag("--external-poses", options->external_poses,
                       "With --can: also send the poses that an outside sensor would measure");
+    command
+        ->add_option("--trace", options->trace,
+                     "With --can: write the robot's true motion, each 10 ms, as CSV with candump's time")
+        ->needs(can);
     command->add_option("--json", options->json, "Also write the figures to this file");
     command->callback([options, &run] {
         run = [options] { return options->interface.empty() ? run_virtual(*options) : run_robot(*options); };
