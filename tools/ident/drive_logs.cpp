@@ -1,0 +1,162 @@
+// Identification from candump logs, with the firmware's own estimators: first the delay over the whole log,
+// then K5..K8 and the effects with that delay. In the ident mode the same happens one after the other.
+#include <algorithm>
+#include <cmath>
+
+#include "firmware/ident/delay_estimator.hpp"
+#include "firmware/ident/dynamics_estimator.hpp"
+#include "firmware/task/cycle_schedule.hpp"
+#include "firmware/task/learning.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/ident/drive_log.hpp"
+#include "tools/ident/findings.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr double kUnexcited = 0.5;          // of the prior variance that is left: the log said nothing
+constexpr std::uint32_t kFewestRows = 200;  // as the estimator: below, it states no errors
+
+ident::DynamicsEstimatorOptions<double> estimator_options(const IdentSetup& setup) {
+    ident::DynamicsEstimatorOptions<double> options;
+    options.filter.geometry = setup.robot.geometry;
+    options.filter.effects.active = setup.effects;
+    options.filter.sample_time_s = task::kCyclePeriod_s;
+    options.filter.kernel_s = setup.robot.ident.kernel_s;
+    options.filter.delay_s =
+        setup.robot.velocity_loop.actuation_delay_s + task::Learning::sample_age_s(setup.robot);
+    options.relative_standard_error = setup.relative_standard_error;
+    return options;
+}
+
+template <typename Estimator>
+void feed(Estimator& estimator, const std::vector<DriveLog>& logs) {
+    for (const DriveLog& log : logs) {
+        estimator.restart();
+        for (const DriveLog::Cycle& cycle : log.cycles) {
+            if (cycle.restart) estimator.restart();
+            estimator.push(cycle.sample);
+        }
+    }
+}
+
+// Power of the rows' left sides, for the share that is explained.
+TwistRate<double> row_power(const std::vector<DriveLog>& logs,
+                            const ident::RegressionFilterOptions<double>& options) {
+    ident::RegressionFilter<double> filter;
+    filter.configure(options);
+    TwistRate<double> power;
+    double rows = 0;
+    for (const DriveLog& log : logs) {
+        filter.restart();
+        for (const DriveLog::Cycle& cycle : log.cycles) {
+            if (cycle.restart) filter.restart();
+            if (!filter.push(cycle.sample) || !filter.row().usable) continue;
+            const TwistRate<double>& a = filter.row().acceleration;
+            power.v_m_per_s2 += a.v_m_per_s2 * a.v_m_per_s2;
+            power.omega_rad_per_s2 += a.omega_rad_per_s2 * a.omega_rad_per_s2;
+            rows += 1;
+        }
+    }
+    if (rows > 0) {
+        power.v_m_per_s2 /= rows;
+        power.omega_rad_per_s2 /= rows;
+    }
+    return power;
+}
+
+void report_dynamics(const ident::DynamicsEstimate<double>& e, double prior, Findings& findings) {
+    const auto each = [](const model::Dynamics<double>& k) {
+        return std::array{k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2};
+    };
+    const auto value = each(e.dynamics);
+    const auto error = each(e.standard_error);
+    const auto diagonal = each(e.covariance_diagonal);
+    for (std::size_t i = 0; i < findings.k.size(); ++i) {
+        DynamicsFigure& k = findings.k[i];
+        k.value = value[i];
+        k.standard_error = error[i];
+        k.covariance_diagonal = diagonal[i];
+        k.excitation = 1 / std::sqrt(diagonal[i] * e.rows);
+        if (diagonal[i] > kUnexcited * prior)
+            k.reason = "not excited: this needs " + std::string(k.excited_by);
+    }
+}
+
+void report_effects(const ident::DynamicsEstimate<double>& e, double largest_torque_Nm, Findings& findings) {
+    std::array<ident::ColumnPlace, model::kMaxColumns> places{};
+    const int columns = ident::column_places(e.effects, places);
+    for (int c = 0; c < columns; ++c) {
+        const ident::ColumnPlace place = places[static_cast<std::size_t>(c)];
+        EffectFigure figure;
+        figure.effect = place.effect;
+        figure.parameter = place.parameter;
+        figure.value = e.effects.parameter[place.effect][place.parameter];
+        figure.standard_error = e.effects_standard_error.parameter[place.effect][place.parameter];
+        // an error as large as all the torque there was: nothing is known
+        figure.known = figure.standard_error > 0 && figure.standard_error < largest_torque_Nm / 2;
+        if (!figure.known) figure.reason = "the log does not tell it from the other parameters";
+        findings.effects.push_back(std::move(figure));
+    }
+}
+
+}  // namespace
+
+Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentSetup& setup) {
+    Findings findings;
+    std::vector<DriveLog> logs;
+    double largest_torque_Nm = 0;
+    for (const std::string& path : paths) {
+        logs.push_back(read_drive_log(path, setup.robot));
+        const DriveLog& log = logs.back();
+        for (const LineProblem& problem : log.problems) findings.problems.push_back(to_text(path, problem));
+        for (const LineProblem& note : log.notes) findings.notes.push_back(to_text(path, note));
+        findings.logs.push_back({path, "candump", log_date(path, log.first_time_ns),
+                                 1e-9 * static_cast<double>(log.last_time_ns - log.first_time_ns),
+                                 1 / task::kCyclePeriod_s, log.cycles.size()});
+        largest_torque_Nm = std::max(largest_torque_Nm, log.largest_torque_Nm);
+    }
+    if (!findings.problems.empty()) return findings;
+
+    ident::DynamicsEstimatorOptions<double> options = estimator_options(setup);
+    const double age_s = task::Learning::sample_age_s(setup.robot);
+    ident::DelayEstimator<double> delay_estimator;
+    delay_estimator.configure(options.filter);
+    feed(delay_estimator, logs);
+    const ident::DelayEstimate<double> delay = delay_estimator.estimate();
+    findings.delay_meaning = "from a cycle's start to the centroid of its torque";
+    findings.delay_s = {static_cast<double>(delay.delay_s) - age_s, delay.standard_error_s, delay.valid, ""};
+    if (delay.valid) {
+        options.filter.delay_s = delay.delay_s;
+    } else {
+        findings.delay_s.value = options.filter.delay_s - age_s;
+        findings.delay_s.reason = "not measurable in this log; the robot file's is used";
+    }
+
+    ident::DynamicsEstimator<double> estimator;
+    estimator.configure(options);
+    feed(estimator, logs);
+    const ident::DynamicsEstimate<double>& e = estimator.estimate();
+    findings.rows = e.rows;
+    findings.masked_rows = e.masked_rows;
+    if (e.rows < kFewestRows) {
+        findings.problems.push_back(to_text(
+            paths[0], {0, "too short: " + std::to_string(e.rows) +
+                              " rows in which both wheels turn, at least " + std::to_string(kFewestRows) +
+                              " are needed (" + std::to_string(e.masked_rows) + " rows were left out)"}));
+        return findings;
+    }
+    const int block = estimator.filter().block_samples();
+    findings.averaged_over_s = 3 * block * options.filter.sample_time_s;
+    const TwistRate<double> residual = estimator.residual_variance();
+    findings.residual_rms = {std::sqrt(residual.v_m_per_s2), std::sqrt(residual.omega_rad_per_s2)};
+    const TwistRate<double> power = row_power(logs, options.filter);
+    findings.explained_share = {1 - residual.v_m_per_s2 / power.v_m_per_s2,
+                                1 - residual.omega_rad_per_s2 / power.omega_rad_per_s2};
+    report_dynamics(e, options.prior_variance, findings);
+    judge(findings, setup.robot.geometry);
+    report_effects(e, largest_torque_Nm, findings);
+    return findings;
+}
+
+}  // namespace wheelwright::tools

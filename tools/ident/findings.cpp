@@ -1,0 +1,96 @@
+#include "tools/ident/findings.hpp"
+
+#include <sys/stat.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstring>
+#include <ctime>
+#include <fstream>
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr std::int64_t kFirstDate_ns = 946'684'800'000'000'000;  // 2000-01-01: earlier clocks were not set
+
+void judge_positive(DynamicsFigure& k) {
+    if (!k.reason.empty()) return;
+    if (!(k.standard_error > 0) || !(k.standard_error < k.value / 2)) {
+        k.reason = "not excited: this needs " + std::string(k.excited_by);
+        return;
+    }
+    k.known = true;
+}
+
+void judge_length(DynamicsFigure& k, double scale) {
+    if (!k.reason.empty()) return;
+    if (!(k.standard_error > 0) || !(k.standard_error < scale / 2)) {
+        k.reason = "not excited: this needs " + std::string(k.excited_by);
+        return;
+    }
+    k.known = true;
+}
+
+}  // namespace
+
+bool Findings::good_enough(double relative_standard_error) const {
+    const auto good = [&](const DynamicsFigure& figure) {
+        return figure.known && figure.standard_error <= relative_standard_error * figure.value;
+    };
+    return problems.empty() && good(k7()) && good(k8());
+}
+
+void judge(Findings& f, const model::Geometry<double>& geometry) {
+    judge_positive(f.k[2]);
+    judge_positive(f.k[3]);
+    judge_length(f.k[0], geometry.track_m);
+    if (!f.k[3].known && f.k[1].reason.empty()) {
+        f.k[1].reason = "not without K8: this needs " + std::string(f.k[1].excited_by);
+    }
+    judge_length(f.k[1], f.k[2].known ? 2 * f.k[3].value / f.k[2].value : 0);
+}
+
+std::string_view without_side(std::string_view name) {
+    for (const std::string_view side : {"left_", "right_"}) {
+        if (name.starts_with(side)) return name.substr(side.size());
+    }
+    return "";
+}
+
+Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& setup) {
+    Findings failed;
+    std::size_t candumps = 0;
+    for (const std::string& path : paths) {
+        std::ifstream in(path);
+        if (!in) {
+            failed.problems.push_back(
+                to_text(path, {0, std::string("cannot open: ") + std::strerror(errno)}));
+            continue;
+        }
+        char first = 0;
+        in >> first;  // skips blanks
+        if (first == '(') ++candumps;
+    }
+    if (!failed.problems.empty()) return failed;
+    if (candumps == paths.size()) return identify_drive_logs(paths, setup);
+    if (candumps == 0) return identify_measured_logs(paths, setup);
+    failed.problems.emplace_back("candump logs and CSV logs cannot be one experiment: name one form only");
+    return failed;
+}
+
+std::string log_date(const std::string& path, std::int64_t first_time_ns) {
+    std::time_t seconds = static_cast<std::time_t>(first_time_ns / 1'000'000'000);
+    if (first_time_ns < kFirstDate_ns) {
+        struct stat status {};
+        if (stat(path.c_str(), &status) != 0) return "";
+        seconds = status.st_mtime;
+    }
+    std::tm date{};
+    if (gmtime_r(&seconds, &date) == nullptr) return "";
+    std::array<char, 16> text{};
+    const std::size_t length = std::strftime(text.data(), text.size(), "%Y-%m-%d", &date);
+    return {text.data(), length};
+}
+
+}  // namespace wheelwright::tools

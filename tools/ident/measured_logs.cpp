@@ -1,0 +1,556 @@
+// Identification from logs of torques and wheel speeds at any rate.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <numeric>
+
+#include "firmware/ident/dynamics_estimate.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/ident/findings.hpp"
+#include "tools/ident/speed_rows.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr double kBlock_s = 0.01;  // rows this far apart, where the log is that fast
+constexpr std::array kColours{0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99};
+constexpr double kLongestMemory_s = 2;  // of the filter the rows are seen through
+constexpr double kMemoriesInLog = 20;   // at least
+constexpr double kLongestDelay_s = 0.15;
+constexpr double kStandingShare = 0.02;  // of the fastest wheel speed: slower counts as standing still
+constexpr double kStandingShareNoisy = 0.1;
+constexpr std::size_t kRowsPerParameter = 8;
+constexpr double kSteadyTorque = 1e-4;  // share of the largest torque by which a steady one may vary
+constexpr double kStuckShare = 0.2;     // of a log: more readings at the sensor's limit make it useless
+constexpr double kStuck_s = 0.1;
+constexpr std::size_t kStuckSamples = 8;
+constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
+
+using Side = double WheelPair<double>::*;
+constexpr std::array<Side, 2> kSides{&WheelPair<double>::left, &WheelPair<double>::right};
+constexpr std::array<const char*, 2> kSpeedColumns{"omega_left_rad_s", "omega_right_rad_s"};
+
+std::size_t line_of(std::size_t sample) { return sample + 2; }  // behind the header
+
+// Columns of the effects, some of them merged: one unknown each.
+struct Unknowns {
+    std::array<ident::ColumnPlace, model::kMaxColumns> places{};
+    int columns = 0;
+    std::vector<std::vector<int>> groups;
+
+    Eigen::Index column_of(int place) const {
+        for (std::size_t g = 0; g < groups.size(); ++g) {
+            if (std::find(groups[g].begin(), groups[g].end(), place) != groups[g].end()) {
+                return kFirstEffect + static_cast<Eigen::Index>(g);
+            }
+        }
+        return -1;
+    }
+};
+
+struct Equations {
+    Fit linear, turning;
+    double torque_rms[2]{};
+    std::vector<double> column_rms[2];
+    std::size_t rows = 0, masked = 0;
+};
+
+class Experiment {
+  public:
+    explicit Experiment(const IdentSetup& setup) : setup_(setup) {
+        options_.geometry = setup.robot.geometry;
+        options_.effects.active = setup.effects;
+        unknowns_.columns = ident::column_places(options_.effects, unknowns_.places);
+        for (int c = 0; c < unknowns_.columns; ++c) unknowns_.groups.push_back({c});
+    }
+
+    Findings run(const std::vector<std::string>& paths) {
+        read(paths);
+        if (good()) look_at_signals();
+        if (good()) look_at_torque();
+        if (good()) estimate();
+        return std::move(findings_);
+    }
+
+  private:
+    bool good() const { return findings_.problems.empty(); }
+
+    void problem(const std::string& path, std::size_t line, const std::string& text) {
+        findings_.problems.push_back(to_text(path, {line, text}));
+    }
+
+    void read(const std::vector<std::string>& paths) {
+        for (const std::string& path : paths) {
+            MeasuredLogResult result = read_measured_csv(path);
+            for (const LineProblem& each : result.problems) findings_.problems.push_back(to_text(path, each));
+            if (result.problem_count > result.problems.size()) {
+                problem(path, 0,
+                        "and " + std::to_string(result.problem_count - result.problems.size()) + " more");
+            }
+            if (!result.log) continue;
+            logs_.push_back(std::move(*result.log));
+            const MeasuredLog& log = logs_.back();
+            names_.push_back(path);
+            findings_.logs.push_back({path, "CSV", log_date(path, 0),
+                                      log.period_s * static_cast<double>(log.samples.size() - 1),
+                                      1 / log.period_s, log.samples.size()});
+        }
+        for (std::size_t i = 1; good() && i < logs_.size(); ++i) {
+            if (std::abs(logs_[i].period_s - logs_[0].period_s) > 0.02 * logs_[0].period_s) {
+                problem(names_[i], 0,
+                        "is sampled every " + number_text(logs_[i].period_s) + " s and " + names_[0] +
+                            " every " + number_text(logs_[0].period_s) +
+                            " s; logs of one experiment need one rate");
+            }
+        }
+    }
+
+    // Sensor noise, wheels that stand, readings that are stuck.
+    void look_at_signals() {
+        double peak = 0;
+        std::array<double, 2> third_power{};
+        double third_count = 0;
+        for (const MeasuredLog& log : logs_) {
+            const auto& s = log.samples;
+            for (std::size_t i = 0; i < s.size(); ++i) {
+                for (std::size_t w = 0; w < 2; ++w) {
+                    const Side side = kSides[w];
+                    peak = std::max(peak, std::abs(s[i].speed_rad_per_s.*side));
+                    if (i < 3) continue;
+                    const double third = s[i].speed_rad_per_s.*side - 3 * s[i - 1].speed_rad_per_s.*side +
+                                         3 * s[i - 2].speed_rad_per_s.*side - s[i - 3].speed_rad_per_s.*side;
+                    third_power[w] += third * third;
+                }
+                if (i >= 3) third_count += 1;
+            }
+        }
+        for (std::size_t w = 0; w < 2; ++w) speed_noise_power_[w] = third_power[w] / third_count / 20;
+        if (!(peak > 0)) {
+            problem(names_[0], 0, "the wheels never turn: nothing can be identified");
+            return;
+        }
+        const double noise = std::sqrt(std::max(speed_noise_power_[0], speed_noise_power_[1]));
+        standing_ = std::clamp(2 * noise, kStandingShare * peak, kStandingShareNoisy * peak);
+        for (std::size_t l = 0; l < logs_.size(); ++l) {
+            SpeedRun run;
+            run.log = &logs_[l];
+            run.left_out.assign(logs_[l].samples.size() - 1, false);
+            for (const Side side : kSides) leave_out_standing(run, side);
+            for (std::size_t w = 0; w < 2; ++w) leave_out_stuck(run, l, w);
+            runs_.push_back(std::move(run));
+        }
+    }
+
+    void leave_out_standing(SpeedRun& run, Side side) const {
+        const auto& s = run.log->samples;
+        for (std::size_t i = 0; i + 1 < s.size(); ++i) {
+            if (std::max(std::abs(s[i].speed_rad_per_s.*side), std::abs(s[i + 1].speed_rad_per_s.*side)) <
+                standing_) {
+                run.left_out[i] = true;
+            }
+        }
+    }
+
+    // The same moving reading again and again while the torque changes: a sensor at its limit, or frozen.
+    void leave_out_stuck(SpeedRun& run, std::size_t log_index, std::size_t wheel) {
+        const auto& s = run.log->samples;
+        const Side side = kSides[wheel];
+        double largest_torque = 0;
+        for (const MeasuredSample& each : s) {
+            largest_torque = std::max(largest_torque, std::abs(each.torque_Nm.*side));
+        }
+        const auto least = std::max(kStuckSamples, static_cast<std::size_t>(kStuck_s / run.log->period_s));
+        std::size_t stuck = 0;
+        std::size_t first_line = 0;
+        for (std::size_t begin = 0; begin < s.size();) {
+            std::size_t end = begin;
+            double low = s[begin].torque_Nm.*side;
+            double high = low;
+            while (end < s.size() && s[end].speed_rad_per_s.*side == s[begin].speed_rad_per_s.*side) {
+                low = std::min(low, s[end].torque_Nm.*side);
+                high = std::max(high, s[end].torque_Nm.*side);
+                ++end;
+            }
+            const bool moving = std::abs(s[begin].speed_rad_per_s.*side) >= standing_;
+            if (end - begin >= least && moving && high - low > 0.1 * largest_torque) {
+                if (stuck == 0) first_line = line_of(begin);
+                stuck += end - begin;
+                for (std::size_t i = begin; i < end && i < run.left_out.size(); ++i) run.left_out[i] = true;
+            }
+            begin = end;
+        }
+        if (stuck == 0) return;
+        const std::string what =
+            std::string(kSpeedColumns[wheel]) +
+            " repeats one value while the torque changes: the sensor is saturated or frozen (" +
+            std::to_string(stuck) + " samples)";
+        if (static_cast<double>(stuck) > kStuckShare * static_cast<double>(s.size())) {
+            problem(names_[log_index], first_line, what);
+        } else {
+            findings_.notes.push_back(to_text(names_[log_index], {first_line, what + ": left out"}));
+        }
+    }
+
+    void look_at_torque() {
+        constexpr double kInfinite = std::numeric_limits<double>::infinity();
+        WheelPair<double> low{kInfinite, kInfinite};
+        WheelPair<double> high{-kInfinite, -kInfinite};
+        for (const MeasuredLog& log : logs_) {
+            for (const MeasuredSample& s : log.samples) {
+                for (const Side side : kSides) {
+                    low.*side = std::min(low.*side, s.torque_Nm.*side);
+                    high.*side = std::max(high.*side, s.torque_Nm.*side);
+                }
+            }
+        }
+        const double largest =
+            std::max({std::abs(low.left), std::abs(low.right), std::abs(high.left), std::abs(high.right)});
+        if (!(largest > 0)) {
+            problem(names_[0], 2, "the torque is zero in every line: nothing can be identified");
+        } else if (std::max(high.left - low.left, high.right - low.right) <= kSteadyTorque * largest) {
+            problem(
+                names_[0], 2,
+                "the torque is constant (" + number_text(low.left, 4) + " Nm left, " +
+                    number_text(low.right, 4) +
+                    " Nm right in every line): inertia and friction cannot be told apart without changes");
+        }
+    }
+
+    Rows select(const Rows& from, bool with_slip) const {
+        Rows to;
+        const auto groups = static_cast<Eigen::Index>(unknowns_.groups.size());
+        to.phi = Eigen::MatrixXd::Zero(from.phi.rows(), kFirstEffect + groups);
+        to.phi.col(kVelocityProduct) = from.phi.col(kVelocityProduct);
+        to.phi.col(kTorque) = from.phi.col(kTorque);
+        if (with_slip) to.phi.col(kSlip) = from.phi.col(kSlip);
+        for (Eigen::Index g = 0; g < groups; ++g) {
+            for (const int c : unknowns_.groups[static_cast<std::size_t>(g)]) {
+                to.phi.col(kFirstEffect + g) += from.phi.col(kFirstEffect + c);
+            }
+        }
+        to.y = from.y;
+        to.place = from.place;
+        return to;
+    }
+
+    Equations fit(bool with_slip) const {
+        const SpeedRows rows = make_speed_rows(runs_, options_);
+        Equations e;
+        e.rows = rows.linear.place.size();
+        e.masked = rows.masked;
+        if (e.rows < kRowsPerParameter * (kFirstEffect + unknowns_.groups.size())) return e;
+        const Rows linear = select(rows.linear, with_slip);
+        const Rows turning = select(rows.turning, with_slip);
+        e.linear = least_squares(whiten(linear, colour_[0]));
+        e.turning = least_squares(whiten(turning, colour_[1]));
+        const double n = std::sqrt(static_cast<double>(e.rows));
+        for (std::size_t i = 0; i < 2; ++i) {
+            const Eigen::MatrixXd& phi = i == 0 ? linear.phi : turning.phi;
+            e.torque_rms[i] = phi.col(kTorque).norm() / n;
+            for (Eigen::Index c = kFirstEffect; c < phi.cols(); ++c) {
+                e.column_rms[i].push_back(phi.col(c).norm() / n);
+            }
+        }
+        return e;
+    }
+
+    static double error(const Fit& fit, Eigen::Index i) {
+        return fit.tells(i) && fit.covariance(i, i) > 0 ? std::sqrt(fit.covariance(i, i))
+                                                        : std::numeric_limits<double>::infinity();
+    }
+    // K7 or K8 with so little doubt that one may divide by it.
+    static bool firm(const Fit& fit) {
+        return fit.rows > 0 && fit.theta(kTorque) > 0 && error(fit, kTorque) < fit.theta(kTorque) / 4;
+    }
+
+    // Both equations' ratios, weighted by their variances.
+    template <typename Make>
+    static Ratio combine(const Equations& e, Make&& make) {
+        double weight = 0;
+        double sum = 0;
+        for (const Fit* fit : {&e.linear, &e.turning}) {
+            if (!firm(*fit)) continue;
+            Ratio r;
+            if (!make(*fit, r) || !(r.variance > 0)) continue;
+            weight += 1 / r.variance;
+            sum += r.value / r.variance;
+        }
+        if (!(weight > 0)) return {0, std::numeric_limits<double>::infinity()};
+        return {sum / weight, 1 / weight};
+    }
+    static Ratio effect(const Equations& e, Eigen::Index column) {
+        return combine(e, [column](const Fit& fit, Ratio& out) {
+            if (!fit.tells(column)) return false;
+            out = ratio(fit, column, kTorque);
+            return true;
+        });
+    }
+    static Ratio delay_step(const Equations& e) {
+        return combine(e, [](const Fit& fit, Ratio& out) {
+            if (!fit.tells(kSlip)) return false;
+            out = ratio(fit, kSlip, kTorque);
+            return true;
+        });
+    }
+
+    void set_block(double block_s) {
+        options_.block = static_cast<std::size_t>(std::max(1.0, std::round(block_s / logs_[0].period_s)));
+    }
+    double block_s() const { return static_cast<double>(options_.block) * logs_[0].period_s; }
+
+    void estimate() {
+        set_block(kBlock_s);
+        Equations first = fit(false);
+        if (!enough(first)) return;
+        choose_colour();
+        first = fit(false);
+        merge_sides(first);
+        find_delay();
+        merge_sides(fit(delay_known_));
+        choose_colour();
+        refine_delay();
+        choose_colour();
+        const Equations last = fit(delay_known_);
+        if (enough(last)) report(last);
+    }
+
+    bool enough(const Equations& e) {
+        const std::size_t needed = kRowsPerParameter * (kFirstEffect + unknowns_.groups.size());
+        if (e.rows >= needed) return true;
+        problem(names_[0], 0,
+                "too short: " + std::to_string(e.rows) + " rows of " + number_text(block_s() * 1e3, 3) +
+                    " ms in which both wheels turn, at least " + std::to_string(needed) + " are needed");
+        return false;
+    }
+
+    // Left and right of one parameter become one unknown where the logs do not tell them apart.
+    void merge_sides(const Equations& e) {
+        for (int l = 0; l < unknowns_.columns; ++l) {
+            for (int r = l + 1; r < unknowns_.columns; ++r) {
+                const ident::ColumnPlace a = unknowns_.places[static_cast<std::size_t>(l)];
+                const ident::ColumnPlace b = unknowns_.places[static_cast<std::size_t>(r)];
+                if (a.effect != b.effect) continue;
+                const auto& parameters = model::kEffects[a.effect].parameters;
+                const std::string_view name = without_side(parameters[a.parameter].name);
+                if (name.empty() || name != without_side(parameters[b.parameter].name)) continue;
+                const Eigen::Index i = unknowns_.column_of(l);
+                const Eigen::Index k = unknowns_.column_of(r);
+                if (i != k && !tells_apart(e, i, k)) merge(l, r);
+            }
+        }
+    }
+    static bool tells_apart(const Equations& e, Eigen::Index i, Eigen::Index k) {
+        if (!firm(e.turning)) return false;  // driven straight: only noise tells the wheels apart
+        const Ratio contrast = combine(e, [i, k](const Fit& fit, Ratio& out) {
+            if (!fit.tells(i) || !fit.tells(k)) return false;
+            out = difference_ratio(fit, i, k, kTorque);
+            return true;
+        });
+        const double mean = std::abs(effect(e, i).value + effect(e, k).value) / 2;
+        const auto c = static_cast<std::size_t>(i - kFirstEffect);
+        const double scale = e.column_rms[0][c] > 0 ? e.torque_rms[0] / e.column_rms[0][c] : 0;
+        return std::sqrt(contrast.variance) < std::max(mean / 2, 0.02 * scale);
+    }
+    void merge(int l, int r) {
+        auto& groups = unknowns_.groups;
+        const auto holds = [](int c) {
+            return [c](const std::vector<int>& group) {
+                return std::find(group.begin(), group.end(), c) != group.end();
+            };
+        };
+        const auto from = std::find_if(groups.begin(), groups.end(), holds(r));
+        const std::vector<int> moved = *from;
+        groups.erase(from);
+        const auto to = std::find_if(groups.begin(), groups.end(), holds(l));
+        to->insert(to->end(), moved.begin(), moved.end());
+    }
+
+    static double misfit(const Equations& e) {
+        double sum = 0;
+        for (const Fit* fit : {&e.linear, &e.turning}) {
+            if (firm(*fit)) sum += std::log(std::max(1 - fit->explained_share, 1e-12));
+        }
+        return sum;
+    }
+
+    void find_delay() {
+        const double period = logs_[0].period_s;
+        double longest = kLongestDelay_s;
+        for (const LogFacts& log : findings_.logs) longest = std::min(longest, log.duration_s / 10);
+        double best = 0;
+        double best_misfit = 1;
+        for (double delay = -2 * period; delay <= longest; delay += std::max(block_s() / 4, period / 2)) {
+            options_.delay_s = delay;
+            const double value = misfit(fit(false));
+            if (value < best_misfit) {
+                best_misfit = value;
+                best = delay;
+            }
+        }
+        options_.delay_s = best;
+        longest_delay_s_ = longest;
+        refine_delay();
+    }
+
+    // Gauss-Newton on the delay: the slip column's coefficient is K times what is missing.
+    void refine_delay() {
+        delay_known_ = false;
+        Ratio step;
+        for (int i = 0; i < 8; ++i) {
+            step = delay_step(fit(true));
+            if (!std::isfinite(step.variance)) break;
+            const double moved = std::clamp(step.value, -block_s(), block_s());
+            options_.delay_s += moved;
+            if (options_.delay_s < -3 * logs_[0].period_s ||
+                options_.delay_s > longest_delay_s_ + block_s()) {
+                step.variance = std::numeric_limits<double>::infinity();
+                break;
+            }
+            if (std::abs(moved) < 0.02 * std::sqrt(step.variance)) break;
+        }
+        delay_error_s_ = std::sqrt(step.variance);
+        delay_known_ = delay_error_s_ < std::max(block_s(), 2 * logs_[0].period_s);
+        if (!delay_known_) options_.delay_s = 0;
+    }
+
+    // Through which filter each equation is seen best: the one that leaves the smallest error of K7 or K8.
+    // Sensor noise asks for a long memory, forces that the model lacks for none.
+    void choose_colour() {
+        const SpeedRows rows = make_speed_rows(runs_, options_);
+        const std::array<const Rows*, 2> both{&rows.linear, &rows.turning};
+        for (std::size_t i = 0; i < 2; ++i) {
+            const Rows selected = select(*both[i], delay_known_);
+            double best = std::numeric_limits<double>::infinity();
+            for (const double colour : kColours) {
+                const double memory_rows = 1 / (1 - colour);
+                const Rows white = whiten(selected, colour);
+                const auto count = static_cast<double>(white.place.size());
+                if (memory_rows * block_s() > kLongestMemory_s || memory_rows * kMemoriesInLog > count) break;
+                if (count <
+                    static_cast<double>(kRowsPerParameter * static_cast<std::size_t>(white.phi.cols()))) {
+                    break;
+                }
+                const Fit f = least_squares(white);
+                const double doubt = firm(f) ? error(f, kTorque) / f.theta(kTorque) : 1.0;
+                if (doubt < best) {
+                    best = doubt;
+                    colour_[i] = colour;
+                }
+            }
+        }
+    }
+
+    void report(const Equations& e) {
+        findings_.rows = e.rows;
+        findings_.masked_rows = e.masked;
+        findings_.averaged_over_s = (2 * static_cast<double>(options_.block) - 1) * logs_[0].period_s;
+        findings_.residual_rms = {std::sqrt(e.linear.residual_power), std::sqrt(e.turning.residual_power)};
+        findings_.explained_share = {e.linear.explained_share, e.turning.explained_share};
+        const std::array<const Fit*, 4> fits{&e.linear, &e.turning, &e.linear, &e.turning};
+        for (std::size_t i = 0; i < 4; ++i) {
+            const Eigen::Index column = i < 2 ? kVelocityProduct : kTorque;
+            DynamicsFigure& k = findings_.k[i];
+            k.value = fits[i]->theta(column);
+            k.standard_error = error(*fits[i], column);
+            k.covariance_diagonal = fits[i]->bare_diagonal(column);
+            k.excitation = fits[i]->independent_rms(column);
+            if (!fits[i]->tells(column)) k.reason = "not excited: this needs " + std::string(k.excited_by);
+        }
+        look_at_turning();
+        judge(findings_, setup_.robot.geometry);
+        report_effects(e);
+        findings_.delay_meaning = "of the torque behind its column";
+        findings_.delay_s = {options_.delay_s, delay_error_s_, delay_known_,
+                             delay_known_ ? "" : "the torque changes too little for it; taken as 0"};
+    }
+
+    void look_at_turning() {
+        const model::Geometry<double>& g = setup_.robot.geometry;
+        double power = 0;
+        double count = 0;
+        double gyro_power = 0;
+        double with_gyro = 0;
+        bool gyro = true;
+        for (const MeasuredLog& log : logs_) {
+            gyro = gyro && log.has_gyro;
+            for (const MeasuredSample& s : log.samples) {
+                const double omega = model::twist_from_wheel_speeds(g, s.speed_rad_per_s).omega_rad_per_s;
+                power += omega * omega;
+                with_gyro += omega * s.gyro_rad_per_s;
+                gyro_power += s.gyro_rad_per_s * s.gyro_rad_per_s;
+                count += 1;
+            }
+        }
+        const double noise = (g.wheel_radius_m.left * g.wheel_radius_m.left * speed_noise_power_[0] +
+                              g.wheel_radius_m.right * g.wheel_radius_m.right * speed_noise_power_[1]) /
+                             (g.track_m * g.track_m);
+        // a gyro knows better than noisy wheels whether the robot turned
+        const double turned = gyro ? std::min(power, gyro_power) / count : power / count;
+        if (turned < kTurningOverNoise * noise / static_cast<double>(options_.block)) {
+            for (std::size_t i = 0; i < 2; ++i) {
+                if (findings_.k[i].reason.empty()) {
+                    findings_.k[i].reason =
+                        "not excited: the yaw rate is within the noise of the wheel speeds";
+                }
+            }
+            return;
+        }
+        const double slope = with_gyro / power;
+        if (gyro && gyro_power > 0 && std::abs(slope - 1) > 0.05 &&
+            with_gyro * with_gyro > 0.5 * power * gyro_power) {
+            findings_.notes.push_back(
+                "the gyro reads " + number_text(slope, 3) +
+                " times the yaw rate of the wheels: track or radii are not the robot's, "
+                "or the wheels slip");
+        }
+    }
+
+    void report_effects(const Equations& e) {
+        for (int c = 0; c < unknowns_.columns; ++c) {
+            const Eigen::Index column = unknowns_.column_of(c);
+            const auto g = static_cast<std::size_t>(column - kFirstEffect);
+            const ident::ColumnPlace place = unknowns_.places[static_cast<std::size_t>(c)];
+            const Ratio r = effect(e, column);
+            EffectFigure figure;
+            figure.effect = place.effect;
+            figure.parameter = place.parameter;
+            figure.value = r.value;
+            figure.standard_error = std::sqrt(r.variance);
+            figure.common = unknowns_.groups[g].size() > 1;
+            double scale = 0;
+            for (std::size_t i = 0; i < 2; ++i) {
+                if (e.column_rms[i][g] > 0) scale = std::max(scale, e.torque_rms[i] / e.column_rms[i][g]);
+            }
+            figure.known = figure.standard_error < scale / 2;
+            if (!figure.known) {
+                figure.reason = "the logs do not tell it from the other parameters";
+            } else if (figure.common) {
+                figure.reason = "left and right are not told apart: one value for both";
+            }
+            findings_.effects.push_back(std::move(figure));
+        }
+    }
+
+    const IdentSetup& setup_;
+    SpeedRowOptions options_;
+    Unknowns unknowns_;
+    Findings findings_;
+    std::vector<MeasuredLog> logs_;
+    std::vector<std::string> names_;
+    std::vector<SpeedRun> runs_;
+    std::array<double, 2> speed_noise_power_{};
+    std::array<double, 2> colour_{};
+    double standing_ = 0;
+    double longest_delay_s_ = 0;
+    double delay_error_s_ = 0;
+    bool delay_known_ = false;
+};
+
+}  // namespace
+
+Findings identify_measured_logs(const std::vector<std::string>& paths, const IdentSetup& setup) {
+    return Experiment(setup).run(paths);
+}
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,54 @@
+// Batch least squares for logs, with standard errors that need no model of the noise's colour, and with an
+// answer to what the data cannot tell.
+//
+// The covariance is the sandwich P (sum over lags of w_l sum phi_t e_t e_t+l phi_t+l^T) P with Bartlett
+// weights (Newey and West, Econometrica 55, 1987) and the bandwidth of Andrews (Econometrica 59, 1991), from
+// first-order autoregressions of the scores phi e. On a computer with the whole log at hand that is better
+// than the recursive estimators' two-number model of the noise: residuals of real machines hold whatever the
+// model lacks. Small samples: times rows / (rows - parameters).
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <vector>
+
+namespace wheelwright::tools {
+
+struct Rows {
+    Eigen::MatrixXd phi;  // a row of the regression in each row
+    Eigen::VectorXd y;
+    std::vector<std::size_t> place;  // time of a row in units of the rows' spacing; rises; jumps between runs
+};
+
+struct Fit {
+    Eigen::VectorXd theta;
+    Eigen::MatrixXd covariance;       // for coloured residuals
+    Eigen::VectorXd bare_diagonal;    // of the inverse of phi^T phi; infinite where unknown
+    Eigen::VectorXd independent_rms;  // of each column, less what the other columns explain
+    // Share of a parameter's axis that lies in directions the data says nothing about: 0 known, 1 not at all.
+    Eigen::VectorXd unknown_share;
+    double residual_power = 0;   // mean square
+    double explained_share = 0;  // 1 - residual power / power of y
+    std::size_t rows = 0;
+    std::size_t lags = 0;
+
+    bool tells(Eigen::Index parameter) const { return unknown_share(parameter) < 1e-6; }
+};
+
+Fit least_squares(const Rows& rows);
+
+// The rows as seen through 1 / (1 - colour z^-1): generalised least squares for noise of the form
+// n_t - colour n_t-1, which is what a difference quotient makes of sensor noise (colour near 1) together with
+// noise that acts on the plant (colour near 0). Each unbroken stretch starts with an unknown state, which is
+// projected out; stretches too short for that are dropped. 0 <= colour < 1.
+Rows whiten(const Rows& rows, double colour);
+
+// A ratio theta_i / theta_j and its variance to first order.
+struct Ratio {
+    double value = 0, variance = 0;
+};
+Ratio ratio(const Fit& fit, Eigen::Index numerator, Eigen::Index denominator);
+// (theta_i - theta_k) / theta_j.
+Ratio difference_ratio(const Fit& fit, Eigen::Index i, Eigen::Index k, Eigen::Index denominator);
+
+}  // namespace wheelwright::tools
