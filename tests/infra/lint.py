@@ -18,6 +18,7 @@ import pathlib
 import re
 import subprocess
 import sys
+import time
 
 FOLDERS = ["firmware", "hal", "drivers", "sim_hal", "tools", "tests", "toolchain"]
 INCLUDE = re.compile(rb'^\s*#\s*include\s*"([^"]+)"', re.MULTILINE)
@@ -69,10 +70,13 @@ def judge(cache, jobs):
     """jobs: (name, digest, command). Runs what did not pass before; returns how many failed."""
     cache.mkdir(parents=True, exist_ok=True)
     todo = [job for job in jobs if not (cache / job[1]).exists()]
+    seconds = {}
 
     def run(job):
         name, key, command = job
+        start = time.monotonic()
         result = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False)
+        seconds[name] = time.monotonic() - start
         if result.returncode == 0:
             (cache / key).touch()
             return 0
@@ -82,6 +86,9 @@ def judge(cache, jobs):
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         failed = sum(pool.map(run, todo))
+    slowest = sorted(seconds, key=seconds.get, reverse=True)[:5]
+    if slowest and seconds[slowest[0]] > 5:
+        print("slowest:", ", ".join(f"{name} {seconds[name]:.0f} s" for name in slowest))
     print(f"{len(jobs)} files, {len(jobs) - len(todo)} of them known to be good, {failed} failed")
     return failed
 
