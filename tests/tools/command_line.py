@@ -1,5 +1,7 @@
 """The program wheelwright from outside: exit statuses, help texts, cansend lines decoded by canmatrix, robot
-files, logs. Needs no CAN. Usage: command_line.py PROGRAM SOURCE_FOLDER"""
+files, logs. Needs no CAN. Usage: command_line.py PROGRAM SOURCE_FOLDER [--write-page]
+
+--write-page brings the reference in docs/robot-file.md up to date instead, after a change of the tables."""
 import decimal
 import glob
 import json
@@ -216,7 +218,7 @@ class Check(unittest.TestCase):
         with open(os.path.join(SOURCE, "docs/robot-file.md"), encoding="utf-8") as file:
             page = file.read()
         self.assertEqual(page[page.index("## Parameters"):], out,
-                         "write the end of docs/robot-file.md anew with: wheelwright check --explain")
+                         f"bring docs/robot-file.md up to date: {sys.executable} {sys.argv[0]} {PROGRAM} {SOURCE} --write-page")
 
 
 class Monitor(unittest.TestCase):
@@ -261,5 +263,15 @@ class Monitor(unittest.TestCase):
         self.assertIn("right_torque_Nm 3.250", out)
 
 
+def write_page():
+    path = os.path.join(SOURCE, "docs/robot-file.md")
+    with open(path, encoding="utf-8") as file:
+        page = file.read()
+    with open(path, "w", encoding="utf-8") as file:
+        file.write(page[:page.index("## Parameters")] + run("check", "--explain")[1])
+
+
 if __name__ == "__main__":
+    if sys.argv[3:] == ["--write-page"]:
+        sys.exit(write_page())
     unittest.main(argv=[sys.argv[0]])

@@ -82,7 +82,11 @@ class Firmware(threading.Thread):
         self.join()
         self.socket.close()
 
-    def of(self, name):
+    def of(self, name, at_least=0):
+        """All of this message so far; waits until there are so many, as this thread may lag."""
+        deadline = time.monotonic() + 5
+        while sum(received == name for _, received, _ in self.received) < at_least and time.monotonic() < deadline:
+            time.sleep(0.01)
         return [(when, data) for when, received, data in self.received if received == name]
 
 
@@ -108,7 +112,7 @@ class OnVcan(unittest.TestCase):
     def test_calls_in_a_row_never_repeat_the_alive_counter(self):
         for _ in range(6):
             self.assertEqual(run("ctl", "--can", "vcan0", "--no-wait", "mode", "idle")[0], 0)
-        frames = self.firmware.of("ModeCommand")
+        frames = self.firmware.of("ModeCommand", 6)
         self.assertEqual(len(frames), 6)
         for (before, first), (after, second) in zip(frames, frames[1:]):
             if after - before < 0.5:
@@ -117,14 +121,14 @@ class OnVcan(unittest.TestCase):
     def test_setpoints_are_repeated_at_their_rate_with_running_counters(self):
         status, _, err = run("ctl", "--can", "vcan0", "velocity", "0.25", "-0.5", "--for", "1", "--enter")
         self.assertEqual((status, err), (0, ""))
+        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 2)], [4, 1])
         frames = self.firmware.of("VelocityCommand")
         self.assertTrue(25 <= len(frames) <= 52, len(frames))
         counters = [data[1] & 15 for _, data in frames]
         self.assertTrue(all(b == (a + 1) % 15 for a, b in zip(counters, counters[1:])), counters)
         self.assertEqual(struct.unpack("<hh", frames[0][1][2:6]), (500, -500))
-        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand")], [4, 1])
         run("ctl", "--can", "vcan0", "torque", "1", "2", "--for", "0.5", "--rate", "100")
-        self.assertTrue(25 <= len(self.firmware.of("TorqueCommand")) <= 52)
+        self.assertTrue(25 <= len(self.firmware.of("TorqueCommand", 25)) <= 52)
 
     def test_ctrl_c_ends_repetition(self):
         process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "torque", "0", "0"])
