@@ -9,8 +9,8 @@
 // acceleration error is learned slowly, and hardly at all during accelerations beyond calm_acceleration.
 //
 // Each sample is compared with the state moved back to the sample's own time, so the drives' phases may
-// differ and drift. Time stamps are smoothed: a drive samples on its own regular clock, and frames only ever
-// arrive late (arbitration), so early arrivals count more than late ones.
+// differ and drift. Time stamps are smoothed, for a drive samples on its own regular clock, and frames
+// arrive irregularly (arbitration).
 //
 // One thread; no allocation. update(): about 550 instructions.
 #pragma once
@@ -164,6 +164,9 @@ class WheelObserver {
         Real model_acceleration{};
         std::int64_t heard_ns = 0;     // receive time of the newest sample
         std::int64_t smoothed_ns = 0;  // its smoothed time
+        std::int64_t off_sum_ns = 0;
+        int smoothed_samples = 0;
+        int strange_samples = 0;
         std::array<Sample, kSampleMemory> samples;
         std::size_t newest = 0;
         std::size_t count = 0;
@@ -270,18 +273,34 @@ class WheelObserver {
     }
 
     // Integers throughout: cheap, and the same on every machine.
+    // A regular clock through queueing: a frame may wait for others on the bus, and as the drives' clocks
+    // drift against ours it does so for seconds on end. Time follows slowly in both directions, for a
+    // sample's time that moves by 0.1 ms at once is an acceleration that never was; a constant or slowly
+    // moving offset is none.
     void smooth_time(Wheel& wheel, std::int64_t time_ns, bool restart) {
-        constexpr std::int64_t early_divisor = 5;
-        constexpr std::int64_t late_divisor = 50;
+        constexpr std::int64_t quick = 16;  // of 1/n of the difference a sample, at first
+        constexpr std::int64_t slow = 1024;
+        constexpr int quick_samples = 200;
+        constexpr int lost_samples = 50;  // in a row that lie elsewhere: the drive's clock has leapt
         wheel.heard_ns = time_ns;
+        // Frames are late by up to three others' lengths far more often than they are lost.
         const std::int64_t since = time_ns - wheel.smoothed_ns;
-        const std::int64_t periods = (since + period_ns_ / 2) / period_ns_;
+        const std::int64_t periods = std::max<std::int64_t>((since + period_ns_ / 4) / period_ns_, 1);
         const std::int64_t off = since - periods * period_ns_;
-        if (restart || periods < 1 || std::abs(off) > period_ns_ * 2 / 5) {
+        wheel.strange_samples = std::abs(off) > period_ns_ * 9 / 20 ? wheel.strange_samples + 1 : 0;
+        if (restart || wheel.strange_samples > lost_samples) {
             wheel.smoothed_ns = time_ns;
-        } else {
-            wheel.smoothed_ns += periods * period_ns_ + off / (off < 0 ? early_divisor : late_divisor);
+            wheel.off_sum_ns = 0;
+            wheel.smoothed_samples = 0;
+            wheel.strange_samples = 0;
+            return;
         }
+        const std::int64_t divisor = wheel.smoothed_samples < quick_samples ? quick : slow;
+        if (wheel.smoothed_samples < quick_samples) ++wheel.smoothed_samples;
+        wheel.off_sum_ns += off;
+        const std::int64_t step = wheel.off_sum_ns / divisor;
+        wheel.off_sum_ns -= step * divisor;  // what is left counts on: no rounding dead band
+        wheel.smoothed_ns += periods * period_ns_ + step;
     }
 
     WheelObserverSettings<Real> settings_;

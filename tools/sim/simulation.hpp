@@ -122,7 +122,8 @@ class Simulation {
     model::RobotParameters& parameters() { return parameters_; }
     sim::World& world() { return *world_; }
     SimulatedHost& host() { return *host_; }
-    sim::InProcessBus& bus();  // virtual time only
+    sim::InProcessBus& bus();                                 // virtual time only; the firmware is endpoint 0
+    hal::CanBus& host_bus() { return machine_->host_bus(); }  // for frames that SimulatedHost would not send
     sim::SimInput& emergency_stop() { return *stop_line_; }
     task::SaveMailbox& mailbox() { return mailbox_; }
     bool log_failed() const;

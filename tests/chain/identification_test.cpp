@@ -1,0 +1,78 @@
+// "The same four parameters of the notes' robot identified by the firmware over CAN at 1 kHz, with default
+// encoder, noise, latency and Coulomb friction 0.3 Nm: within 2 %, with the same honesty of intervals."
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+#include "tests/chain/robots.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::tools;
+
+TEST_GROUP(ChainIdentification){};
+
+TEST(ChainIdentification, all_four_within_two_percent_and_intervals_that_hold) {
+    const int seeds = chain::seeds(30, 200);
+    const model::Dynamics<double> truth = chain::truth();
+    const std::array<double, 4> real{truth.k5_m, truth.k6_per_m, truth.k7_per_kg_m, truth.k8_per_kg_m2};
+    std::array<double, 4> z_sum{};
+    std::array<double, 4> z_square{};
+    std::array<double, 4> worst{};
+    std::array<int, 4> covered{};
+    double longest_s = 0;
+    double farthest_m = 0;
+    for (int seed = 1; seed <= seeds; ++seed) {
+        Simulation sim(chain::believed().parameters, chain::real().parameters,
+                       chain::options(static_cast<std::uint64_t>(seed)));
+        sim.run_for(0.5);
+        const IdentificationResult result = identify(sim);
+        CHECK(result.succeeded);
+        const auto& k = result.estimate.dynamics;
+        const auto& e = result.estimate.standard_error;
+        const std::array<double, 4> value{k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2};
+        const std::array<double, 4> error{e.k5_m, e.k6_per_m, e.k7_per_kg_m, e.k8_per_kg_m2};
+        for (std::size_t i = 0; i < 4; ++i) {
+            const double z = (value[i] - real[i]) / error[i];
+            z_sum[i] += z;
+            z_square[i] += z * z;
+            if (std::abs(z) <= 1.96) ++covered[i];
+            worst[i] = std::max(worst[i], std::abs(value[i] / real[i] - 1));
+        }
+        longest_s = std::max(longest_s, result.duration_s);
+        farthest_m = std::max(farthest_m, result.farthest_m);
+    }
+    std::printf("%d seeds, at most %.0f s of driving, %.2f m from the start\n", seeds, longest_s, farthest_m);
+    for (std::size_t i = 0; i < 4; ++i) {
+        const double n = seeds;
+        const double coverage = covered[i] / n;
+        std::printf("K%zu: worst error %.3f %%, mean z %+.2f, rms z %.2f, 95 %% interval covers %.0f %%\n",
+                    i + 5, 100 * worst[i], z_sum[i] / n, std::sqrt(z_square[i] / n), 100 * coverage);
+        CHECK(worst[i] < 0.02);
+        // 30 seeds cannot tell 0.3 from chance; the campaign's 200 can.
+        CHECK(std::abs(z_sum[i] / n) < 0.3 + 2 / std::sqrt(n));
+        CHECK(std::sqrt(z_square[i] / n) < 1.25);
+        CHECK(coverage > 0.88);
+    }
+    CHECK(farthest_m < chain::believed().parameters.ident.distance_limit_m);
+}
+
+TEST(ChainIdentification, friction_is_found_too) {
+    Simulation sim(chain::believed().parameters, chain::real().parameters, chain::options(7));
+    sim.run_for(0.5);
+    const IdentificationResult result = identify(sim);
+    CHECK(result.succeeded);
+    const auto& found = result.estimate.effects;
+    const auto& error = result.estimate.effects_standard_error;
+    const auto& real = chain::real().parameters.effects;
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!real.active[i]) continue;
+        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
+            std::printf("%s.%s: %.4f +- %.4f, truth %.4f\n", model::kEffects[i].name.data(),
+                        model::kEffects[i].parameters[j].name.data(), found.parameter[i][j],
+                        error.parameter[i][j], real.parameter[i][j]);
+            CHECK(std::abs(found.parameter[i][j] - real.parameter[i][j]) < 4 * error.parameter[i][j] + 0.001);
+        }
+    }
+}
