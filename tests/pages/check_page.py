@@ -132,19 +132,38 @@ LOOK = r"""
     Object.assign(look, { width: box.width, height: box.height,
       plot_width: area.right - area.left, plot_height: area.bottom - area.top });
     const scale = canvas.width / box.width;
-    const pixels = canvas.getContext('2d').getImageData(area.left * scale, area.top * scale,
-      look.plot_width * scale, look.plot_height * scale).data;
+    const copy = document.createElement('canvas');
+    copy.width = canvas.width;
+    copy.height = canvas.height;
+    const copied = copy.getContext('2d', { willReadFrequently: true });
+    const look_at = () => {
+      copied.clearRect(0, 0, copy.width, copy.height);
+      copied.drawImage(canvas, 0, 0);
+      return copied.getImageData(area.left * scale, area.top * scale,
+        look.plot_width * scale, look.plot_height * scale).data;
+    };
+    const pixels = look_at();
     const paper = background(figure);
     look.lines = chart.data.datasets.map((set, i) => {
       if (set.ww.area || !chart.isDatasetVisible(i)) return null;
-      const colour = parse(set.borderColor);
+      // without this curve, how many pixels look different?
+      const held = ['x', 'y'].map((name) => [chart.options.scales[name], chart.scales[name]]).map(
+        ([options, now]) => ({ options, before: { min: options.min, max: options.max },
+          now: { min: now.min, max: now.max } }));
+      for (const { options, now } of held) Object.assign(options, now);
+      chart.setDatasetVisibility(i, false);
+      chart.update('none');
+      const without = look_at();
+      chart.setDatasetVisibility(i, true);
+      for (const { options, before } of held) Object.assign(options, before);
+      chart.update('none');
       let count = 0;
       for (let p = 0; p < pixels.length; p += 4) {
-        const alpha = pixels[p + 3];
-        if (alpha > 100 && Math.abs(pixels[p] - colour[0]) + Math.abs(pixels[p + 1] - colour[1])
-            + Math.abs(pixels[p + 2] - colour[2]) < 24) count += 1;
+        if (Math.abs(pixels[p] - without[p]) + Math.abs(pixels[p + 1] - without[p + 1])
+            + Math.abs(pixels[p + 2] - without[p + 2]) + Math.abs(pixels[p + 3] - without[p + 3]) > 60) count += 1;
       }
-      return { name: set.label, pixels: count, points: set.data.length, contrast: ratio(colour, paper) };
+      return { name: set.label, pixels: count, points: set.data.length,
+        contrast: ratio(parse(set.borderColor), paper) };
     });
     const distinct = new Set();
     for (let p = 0; p < pixels.length; p += 4) {
@@ -152,6 +171,7 @@ LOOK = r"""
     }
     look.distinct = distinct.size;
     const axis = (s) => ({ min: s.min, max: s.max, ticks: s.ticks.filter((t) => t.label).length,
+      crooked: s.type === 'linear' && s.ticks.some((t) => String(t.label).replace(/[^0-9]/g, '').length > 5),
       title: s.options.title.text });
     look.x = axis(chart.scales.x);
     look.y = axis(chart.scales.y);
@@ -202,6 +222,8 @@ def judge(name, look, page):
         for axis in (chart["x"], chart["y"]):
             if axis["ticks"] < 2:
                 wrong.append(f"an axis of {title!r} ({axis['title']}) has fewer than two numbers")
+            if axis["crooked"]:
+                wrong.append(f"the numbers of an axis of {title!r} ({axis['title']}) are not round")
             if not axis["title"]:
                 wrong.append(f"an axis of {title!r} has no name")
         if chart["equal"]:

@@ -183,7 +183,7 @@ CanIdentification identify_over_can(const Robots& robots, double duration_s) {
 }
 
 CanStep step_over_can(const Robots& robots, const model::RobotParameters& identified, bool paper_gains,
-                      double step_m_per_s) {
+                      double step_m_per_s, std::size_t runs) {
     model::RobotParameters believed = identified;
     believed.velocity_loop.method =
         paper_gains ? model::LoopDesignMethod::paper : model::LoopDesignMethod::delayed_plant;
@@ -194,18 +194,29 @@ CanStep step_over_can(const Robots& robots, const model::RobotParameters& identi
         believed.velocity_loop.phase_margin_deg = 1;
         believed.velocity_loop.sensitivity_peak = 100;
     }
-    Simulation sim(believed, robots.truth.parameters, options_of(robots, 20));
-    sim.run_for(kStart_s);
     CanStep out;
     out.step_m_per_s = step_m_per_s;
-    out.response = tools::velocity_step(sim, {step_m_per_s, 0});
     SampledLoop loop;
     loop.delay_s = believed.velocity_loop.actuation_delay_s;
-    if (!paper_gains) {
+    tools::StepResponse& mean = out.response;
+    for (std::size_t run = 0; run < runs; ++run) {
+        Simulation sim(believed, robots.truth.parameters, options_of(robots, 1000 + run));
+        sim.run_for(kStart_s);
+        const tools::StepResponse one = tools::velocity_step(sim, {step_m_per_s, 0});
+        mean.time_s = one.time_s;
+        mean.v_m_per_s.resize(one.v_m_per_s.size());
+        for (std::size_t i = 0; i < one.v_m_per_s.size(); ++i)
+            mean.v_m_per_s[i] += one.v_m_per_s[i] / static_cast<double>(runs);
+        if (paper_gains) continue;
         const auto& gains = sim.cycle().control().design().result().gains;
         loop.kp_per_s = gains.kp_per_s;
         loop.ki_per_s2 = gains.ki_per_s2;
         loop.setpoint_weight = gains.setpoint_weight;
+    }
+    for (std::size_t i = 0; i < mean.v_m_per_s.size(); ++i) {
+        const double share = mean.v_m_per_s[i] / step_m_per_s;
+        mean.overshoot = std::max(mean.overshoot, share - 1);
+        if (std::abs(share - 1) > 0.01) mean.settling_s = mean.time_s[i];
     }
     out.predicted_overshoot = sampled_step(loop).overshoot;
     return out;

@@ -49,14 +49,15 @@ struct CanIdentification {
 };
 CanIdentification identify_over_can(const Robots& robots, double duration_s);
 
-// Eq (65)-(72) in velocity mode, on the identified robot: true speed after a step of the set-point.
+// Eq (65)-(72) in velocity mode, on the identified robot: true speed after a step of the set-point, the mean
+// of `runs` of different noise.
 struct CanStep {
     tools::StepResponse response;
     double step_m_per_s = 0;
     double predicted_overshoot = 0;  // of the sampled model with the identified delay
 };
 CanStep step_over_can(const Robots& robots, const model::RobotParameters& identified, bool paper_gains,
-                      double step_m_per_s);
+                      double step_m_per_s, std::size_t runs = 1);
 
 // Eq (73)-(87) in pose mode: goals around the start, in each direction mode.
 struct PoseDrive {

@@ -76,7 +76,8 @@ void add_rows(report::Page& page, const Reproduction& from) {
         "bus.");
     Table table{.caption = "The paper, reproduced",
                 .columns = {{"in the paper"}, {"here"}, {"evidence"}, {"aim"}, {"measured"}, {"result"}},
-                .rows = {}};
+                .rows = {},
+                .stack_when_narrow = true};
     for (const Row& row : from.rows) {
         table.rows.push_back({row.paper,
                               row.what,
@@ -158,7 +159,7 @@ void add_table1(report::Page& page, const Reproduction& from) {
         for (std::size_t i = pair; i < pair + 2; ++i) {
             const std::vector<double> values =
                 column(from.table1_noisy.series, [i](const Table1Point& p) { return p.estimate[i]; });
-            const auto [low, high] = range_after(time_s, values, i < 2 ? 2.0 : 0.15, kTable1Truth[i]);
+            const auto [low, high] = range_after(time_s, values, i < 2 ? 5.0 : 0.15, kTable1Truth[i]);
             row.push_back(
                 {.title = "Fig. " + std::to_string(10 + i) + ": estimate of " + kNames[i],
                  .x = {"time / s"},
@@ -252,8 +253,7 @@ void add_identification(report::Page& page, const Reproduction& from) {
         "Measured delay from command to torque: " + ms(id.delay_s, 2) +
         ". Farthest from the start: " + with_unit(fixed(id.farthest_m, 2), "m") +
         ". Truth is given as a controller must see it that believes wheels and track of the robot file, "
-        "which are a little wrong. What is left of the difference beyond the standard error is such "
-        "mismatch of the model, which no residual shows.");
+        "which differ a little from the robot’s, as every number does.");
     std::vector<Series> deviation;
     std::vector<Series> error;
     for (const std::size_t i : {std::size_t{2}, std::size_t{3}, std::size_t{0}, std::size_t{1}}) {
@@ -306,7 +306,7 @@ void add_identification(report::Page& page, const Reproduction& from) {
 void add_velocity(report::Page& page, const Reproduction& from) {
     Section& section = page.section("Velocity loops: eq (61)–(72)");
     section.text(
-        "The paper places both poles at ξ = 1 “to avoid overshoot” and takes ω_n = 92 rad/s for 1 % settling "
+        "The paper places both poles at ξ = 1 “to avoid overshoot” and takes ωₙ = 92 rad/s for 1 % settling "
         "in "
         "50 ms. The zero of (67) at −Ki/Kp overshoots all the same by e⁻² = 13.5 %, and the bound (69) holds "
         "for "
@@ -367,7 +367,8 @@ void add_velocity(report::Page& page, const Reproduction& from) {
          .y = {"true speed / step"},
          .series = {{"ours, step of 0.15 m/s", scaled(from.step_ours.response.time_s, 1000),
                      scaled(from.step_ours.response.v_m_per_s, 1 / from.step_ours.step_m_per_s)},
-                    {"paper’s gains, step of 0.03 m/s", scaled(from.step_paper.response.time_s, 1000),
+                    {"paper’s gains, step of 0.055 m/s, mean of eight runs",
+                     scaled(from.step_paper.response.time_s, 1000),
                      scaled(from.step_paper.response.v_m_per_s, 1 / from.step_paper.step_m_per_s)}},
          .levels = {{"set-point", 1}},
          .caption = "Ours settles in " + ms(from.step_ours.response.settling_s, 0) +
@@ -375,7 +376,7 @@ void add_velocity(report::Page& page, const Reproduction& from) {
                     "; their model with the identified delay of " + ms(from.identification.delay_s, 2) +
                     " predicts " + percent(from.step_paper.predicted_overshoot, 1) +
                     ". Their step is smaller because at 0.15 m/s they ask for more torque than there is; its "
-                    "ripple is encoder noise.",
+                    "ripple is encoder noise, less in the mean of eight runs.",
          .summary = "Our loop reaches the set-point without overshoot in about 40 milliseconds; the paper's "
                     "gains overshoot by a fifth.",
          .origin = kThroughCan});
@@ -428,6 +429,15 @@ void add_pose(report::Page& page, const Reproduction& from) {
 }
 
 // ---- Figs 20, 21 ----------------------------------------------------------------------------------------
+
+// One lap of them: a dashed line drawn over itself would be solid.
+template <typename Sample>
+std::vector<Sample> one_lap(const std::vector<Sample>& samples, double from_s, double period_s) {
+    std::vector<Sample> out;
+    for (const Sample& sample : samples)
+        if (sample.time_s >= from_s && sample.time_s <= from_s + period_s) out.push_back(sample);
+    return out;
+}
 
 Series path_of(std::string name, const std::vector<DrivenSample>& samples,
                const Pose<double> DrivenSample::*pose, bool reference = false) {
@@ -500,7 +510,8 @@ void add_figure_eight(report::Page& page, const Reproduction& from) {
          .series = {path_of("true path", from.tracking.samples, &tools::PathSample::truth),
                     path_of("odometry alone would say", from.tracking.samples,
                             &tools::PathSample::bare_odometry),
-                    path_of("reference", from.tracking.samples, &tools::PathSample::reference, true)},
+                    path_of("reference", one_lap(from.tracking.samples, 0, from.path.period_s),
+                            &tools::PathSample::reference, true)},
          .equal_aspect = true,
          .caption = "The paper’s robot joins the path from one metre beside it and follows what its "
                     "odometry says, which drifts away. Ours joins it too, feeds the reference’s velocity "
@@ -514,9 +525,12 @@ void add_figure_eight(report::Page& page, const Reproduction& from) {
          .x = {"x / m"},
          .y = {"y / m"},
          .series = {path_of("true path, as printed", slow.literal.samples, &DrivenSample::truth),
-                    path_of("its odometry", slow.literal.samples, &DrivenSample::believed),
+                    path_of("its odometry, last lap",
+                            one_lap(slow.literal.samples, 12 + 2 * slow.period_s, slow.period_s),
+                            &DrivenSample::believed),
                     path_of("true path, mirrored law", slow.mirrored.samples, &DrivenSample::truth),
-                    path_of("reference", slow.literal.samples, &DrivenSample::reference, true)},
+                    path_of("reference", one_lap(slow.literal.samples, 0, slow.period_s),
+                            &DrivenSample::reference, true)},
          .equal_aspect = true,
          .caption =
              "A law for a goal at rest must lag to move at all: behind a reference moving straight "
@@ -533,7 +547,8 @@ void add_figure_eight(report::Page& page, const Reproduction& from) {
          .y = {"y / m"},
          .series = {path_of("true path, as printed", fast.literal.samples, &DrivenSample::truth),
                     path_of("true path, mirrored law", fast.mirrored.samples, &DrivenSample::truth),
-                    path_of("reference", fast.literal.samples, &DrivenSample::reference, true)},
+                    path_of("reference", one_lap(fast.literal.samples, 0, fast.period_s),
+                            &DrivenSample::reference, true)},
          .equal_aspect = true,
          .caption = "At the pace ours is asked for, the law no longer draws a figure-8.",
          .summary = "At ten seconds a lap the paper's law is about a metre away from the reference.",
@@ -757,14 +772,13 @@ report::Page page_of(const Reproduction& from) {
         {{"Rows of the paper that reach their aim",
           std::to_string(met) + " of " + std::to_string(from.rows.size()),
           all ? "all" : "see the table for those that miss", all ? Tone::good : Tone::bad},
-         {"Table 1: K7, K8", percent(k78, 4) + " off", "aim 0.1 %", tone("table1")},
-         {"Identified over CAN", percent(from.identification.largest_relative_error, 1) + " off",
-          "worst of K5…K8, aim 2 %", tone("regressions")},
-         {"Figure-8 over CAN", mm(from.tracking.rms_m, 1) + " RMS",
+         {"Table 1: K7, K8 off by", with_unit(significant(100 * k78, 1), "%"), "aim 0.1 %", tone("table1")},
+         {"K5…K8 over CAN off by", percent(from.identification.largest_relative_error, 1),
+          "the worst of them, aim 2 %", tone("regressions")},
+         {"Figure-8 over CAN, RMS error", mm(from.tracking.rms_m, 1),
           "peak " + mm(from.tracking.peak_m, 1) + ", aim 5 and 15 mm", tone("figure_eight")},
-         {"K7, K8 after +30 %",
-          percent(std::max(std::abs(from.adaptation.k7_error), std::abs(from.adaptation.k8_error)), 1) +
-              " off",
+         {"K7, K8 after +30 % mass off by",
+          percent(std::max(std::abs(from.adaptation.k7_error), std::abs(from.adaptation.k8_error)), 1),
           "three seconds later, aim 5 %", tone("adaptation")}});
     add_rows(page, from);
     if (!all) {

@@ -45,6 +45,30 @@ std::string escape(std::string_view text) {
     return out;
 }
 
+// A number and its unit stay on one line: the space between them becomes a narrow one that does not break.
+std::string with_units_kept(std::string_view text) {
+    constexpr std::array<std::string_view, 14> kUnits{"%", "s",   "ms", "m",  "mm",  "cm",    "Nm",
+                                                      "N", "kHz", "Hz", "kg", "rad", "rad/s", "m/s"};
+    const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+    const auto part_of_word = [&digit](char c) {
+        return digit(c) || (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || c == '/' || (c & 0x80) != 0;
+    };
+    std::string out;
+    for (std::size_t i = 0; i < text.size(); ++i) {
+        if (text[i] == ' ' && i > 0 && digit(text[i - 1])) {
+            std::size_t end = i + 1;
+            while (end < text.size() && (part_of_word(text[end]) || text[end] == '%')) ++end;
+            const std::string_view word = text.substr(i + 1, end - i - 1);
+            if (std::find(kUnits.begin(), kUnits.end(), word) != kUnits.end()) {
+                out += "\u202f";
+                continue;
+            }
+        }
+        out += text[i];
+    }
+    return out;
+}
+
 // Running text: escaped, with `code`.
 std::string prose(std::string_view text) {
     std::string out;
@@ -52,7 +76,8 @@ std::string prose(std::string_view text) {
     std::size_t at = 0;
     while (at < text.size()) {
         const std::size_t tick = text.find('`', at);
-        out += escape(text.substr(at, tick == std::string_view::npos ? tick : tick - at));
+        const std::string_view piece = text.substr(at, tick == std::string_view::npos ? tick : tick - at);
+        out += code ? escape(piece) : escape(with_units_kept(piece));
         if (tick == std::string_view::npos) break;
         if (code || text.find('`', tick + 1) != std::string_view::npos) {
             out += code ? "</code>" : "<code>";
@@ -162,20 +187,29 @@ class Writer {
 
     void table(const Table& table) {
         const std::string caption = prose(table.caption);
+        // stacked cells are no table cells to a browser: the roles keep them so for a screen reader
+        const bool stack = table.stack_when_narrow;
+        const auto role = [stack](std::string_view name) {
+            return stack ? " role=\"" + std::string(name) + "\"" : std::string();
+        };
         out_ += "<div class=\"table\" role=\"region\" tabindex=\"0\" aria-label=\"" + escape(table.caption) +
-                "\"><table><caption>" + caption + "</caption>\n<thead><tr>";
+                "\"><table" + (stack ? " class=\"stack\"" : "") + role("table") + "><caption>" + caption +
+                "</caption>\n<thead" + role("rowgroup") + "><tr" + role("row") + ">";
         for (const Column& column : table.columns)
-            out_ += "<th scope=\"col\"" + std::string(column.numbers ? " class=\"n\"" : "") + ">" +
-                    prose(column.heading) + "</th>";
-        out_ += "</tr></thead>\n<tbody>\n";
+            out_ += "<th scope=\"col\"" + role("columnheader") +
+                    std::string(column.numbers ? " class=\"n\"" : "") + ">" + prose(column.heading) + "</th>";
+        out_ += "</tr></thead>\n<tbody" + role("rowgroup") + ">\n";
         for (const std::vector<Cell>& row : table.rows) {
-            out_ += "<tr>";
+            out_ += "<tr" + role("row") + ">";
             for (std::size_t i = 0; i < table.columns.size(); ++i) {
                 const Cell cell = i < row.size() ? row[i] : Cell("");
                 std::string classes(tone_class(cell.tone));
                 if (table.columns[i].numbers) classes += classes.empty() ? "n" : " n";
-                const std::string attribute = classes.empty() ? "" : " class=\"" + classes + "\"";
-                const std::string text = std::string(tone_sign(cell.tone)) + prose(cell.text);
+                std::string attribute = classes.empty() ? "" : " class=\"" + classes + "\"";
+                if (stack) attribute += " data-label=\"" + escape(table.columns[i].heading) + "\"";
+                attribute += role(i == 0 ? "rowheader" : "cell");
+                std::string text = std::string(tone_sign(cell.tone)) + prose(cell.text);
+                if (stack) text = "<span>" + text + "</span>";  // beside its label
                 out_ += i == 0 ? "<th scope=\"row\"" + attribute + ">" + text + "</th>"
                                : "<td" + attribute + ">" + text + "</td>";
             }
@@ -273,6 +307,13 @@ class Writer {
             for (const double value : band.low) y_range.add(value);
             for (const double value : band.high) y_range.add(value);
         }
+        const auto shown = [](Range& range, const Axis& axis) {
+            range.low = axis.minimum.value_or(range.low);
+            range.high = axis.maximum.value_or(range.high);
+        };
+        const Range whole_x = x_range;
+        shown(x_range, chart.x);
+        shown(y_range, chart.y);
         const Rounding round_x(x_range, chart.x.logarithmic);
         const Rounding round_y(y_range, chart.y.logarithmic);
         const auto values = [](const std::vector<double>& from, const std::vector<std::size_t>& kept,
@@ -321,10 +362,10 @@ class Writer {
         }
         json levels = json::array();
         for (const Level& level : chart.levels) {
-            if (x_range.empty()) break;
-            double from = x_range.low;
+            if (whole_x.empty()) break;
+            double from = whole_x.low;
             if (chart.x.logarithmic && from <= 0) {
-                from = x_range.high;
+                from = whole_x.high;
                 for (const Series& series : chart.series)
                     for (const double value : series.x)
                         if (value > 0) from = std::min(from, value);
@@ -332,7 +373,7 @@ class Writer {
             levels.push_back({{"name", level.name},
                               {"y", level.y},
                               {"from", chart.x.minimum.value_or(from)},
-                              {"to", chart.x.maximum.value_or(x_range.high)}});
+                              {"to", chart.x.maximum.value_or(whole_x.high)}});
         }
         json marks = json::array();
         for (const Mark& mark : chart.marks) marks.push_back({{"name", mark.name}, {"x", mark.x}});

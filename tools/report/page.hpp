@@ -44,6 +44,7 @@ struct Table {
     std::string caption;
     std::vector<Column> columns;
     std::vector<std::vector<Cell>> rows;
+    bool stack_when_narrow = false;  // for tables of words: on a phone each row becomes a small list
 };
 
 // A number worth a large type.

@@ -108,8 +108,8 @@
       borderJoinStyle: 'round', ...more });
     for (const set of data.sets) {
       const entry = line({
-        label: set.name, data: pairs(set.x, set.y), order: set.ref ? 20 : 10,
-        borderDash: set.ref ? [5, 4] : dashes[set.slot], borderWidth: set.ref ? 1.6 : 2,
+        label: set.name, data: pairs(set.x, set.y), order: set.ref ? 5 : 10,
+        borderDash: set.ref ? [5, 4] : dashes[set.slot], borderWidth: set.ref ? 1.5 : 2,
         stepped: set.steps ? 'before' : false,
         ww: { colour: set.ref ? '--ref' : '--c' + set.slot },
       });
@@ -134,7 +134,7 @@
       type: from.log ? 'logarithmic' : 'linear', min: from.min, max: from.max,
       title: { display: true, text: from.label, font: { size: 13 } },
       grid: { drawTicks: false },
-      ticks: { padding: 6, maxRotation: 0, includeBounds: !data.equal, autoSkipPadding: 12, font: { size: 12 },
+      ticks: { padding: 6, maxRotation: 0, includeBounds: from.log, autoSkipPadding: 12, font: { size: 12 },
         ...(from.log ? { callback: powerOfTen } : { callback: (value) => short(value) }) },
       ...more,
     });
@@ -145,6 +145,15 @@
       const high = axis.max ?? values.reduce((a, b) => Math.max(a, b), -Infinity);
       const margin = 0.04 * (high - low || 1);
       return [low - margin, high + margin];
+    };
+    // From the first value to the last, or from zero where that is near.
+    const between = (axis) => {
+      const values = data.sets.flatMap((set) => set.x).filter((x) => x !== null);
+      if (!values.length) return {};
+      const low = values.reduce((a, b) => Math.min(a, b));
+      const high = values.reduce((a, b) => Math.max(a, b));
+      if (low === high) return {};
+      return { min: axis.min ?? (low > 0 && low < 0.05 * high ? 0 : low), max: axis.max ?? high };
     };
     const narrow = () => window.innerWidth < 600;
     const chart = new Chart(figure.querySelector('canvas'), {
@@ -158,7 +167,7 @@
           : { mode: 'nearest', axis: 'x', intersect: false },
         layout: { padding: { right: 8, top: 4 } },
         scales: {
-          x: axis(data.x, data.equal ? {} : { bounds: data.x.log ? 'data' : 'ticks' }),
+          x: axis(data.x, data.equal ? {} : data.x.log ? { bounds: 'data' } : between(data.x)),
           y: axis(data.y, data.equal || data.y.min !== undefined ? {} : { grace: data.y.log ? 0 : '4%' }),
         },
         plugins: {
