@@ -29,6 +29,7 @@ struct Options {
     std::string interface;
     bool external_poses = false;
     std::string trace;
+    std::int64_t rest_us = 50;
     std::vector<std::string> actions;
 };
 
@@ -302,14 +303,14 @@ int run_robot(const Options& options) {
     poses.external_poses(options.external_poses);
     std::printf("robot on %s\n", options.interface.c_str());
     std::fflush(stdout);
-    constexpr std::int64_t kGlance_ns = 50'000;
+    const std::int64_t rest_ns = 1000 * options.rest_us;
     while (!interrupted()) {
         const std::int64_t now = clock.now_ns();
         if (now >= end_ns) break;
         world.pump(now);
         poses.step(now);
         trace.step(now, world);
-        clock.sleep_until_ns(std::min(end_ns, std::max(world.next_event_ns(), now + kGlance_ns)));
+        clock.sleep_until_ns(std::min(end_ns, std::max(world.next_event_ns(), now + rest_ns)));
     }
     Report report("sim");
     report.section("robot", "The robot at the end");
@@ -351,6 +352,12 @@ void add_sim(CLI::App& program, Run& run) {
         ->add_option("--trace", options->trace,
                      "With --can: write the robot's true motion, each 10 ms, as CSV with candump's time")
         ->needs(can);
+    command
+        ->add_option("--rest", options->rest_us,
+                     "With --can: microseconds to sleep at least between two looks at the bus; more of them "
+                     "spare a slow machine, and frames leave up to so much later")
+        ->check(CLI::Range(0, 1000))
+        ->capture_default_str();
     command->add_option("--json", options->json, "Also write the figures to this file");
     command->callback([options, &run] {
         run = [options] { return options->interface.empty() ? run_virtual(*options) : run_robot(*options); };
