@@ -16,6 +16,15 @@ void come_to_rest(Simulation& sim) {
     sim.run_for(0.3);
 }
 
+// `pose`, had its history begun at `now` instead of at `then`.
+Pose<double> moved(const Pose<double>& pose, const Pose<double>& then, const Pose<double>& now) {
+    const double turn = now.heading_rad - then.heading_rad;
+    const double dx = pose.x_m - then.x_m;
+    const double dy = pose.y_m - then.y_m;
+    return {now.x_m + std::cos(turn) * dx - std::sin(turn) * dy,
+            now.y_m + std::sin(turn) * dx + std::cos(turn) * dy, pose.heading_rad + turn};
+}
+
 double distance(const Pose<double>& a, const Pose<double>& b) {
     return std::hypot(a.x_m - b.x_m, a.y_m - b.y_m);
 }
@@ -114,6 +123,8 @@ TrackingResult track(Simulation& sim, const TrackingOptions& options, const Prog
     if (!enter_mode(sim, options.mode)) return result;
     result.entered = true;
     const std::int64_t start_ns = sim.cycle().control().trajectory_start_ns();
+    const Pose<double> bare_start = sim.cycle().odometry().bare_pose();
+    const Pose<double> true_start = sim.world().pose();
     double sum = 0;
     std::int64_t judged = 0;
     std::int64_t cycle = 0;
@@ -142,7 +153,8 @@ TrackingResult track(Simulation& sim, const TrackingOptions& options, const Prog
         }
         if (cycle++ % 10 == 0) {
             result.samples.push_back({time_s, reference, sim.world().pose(), sim.cycle().odometry().pose(),
-                                      sim.cycle().odometry().bare_pose(), error, torque});
+                                      moved(sim.cycle().odometry().bare_pose(), bare_start, true_start),
+                                      error, torque});
             if (progress) progress(time_s / options.duration_s);
         }
     });

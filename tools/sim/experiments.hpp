@@ -47,8 +47,9 @@ StepResponse velocity_step(Simulation& sim, const Twist<double>& step, double ho
 
 struct PathSample {
     double time_s = 0;
-    Pose<double> reference, truth, believed, bare_odometry;
-    double error_m = 0;  // truth against the reference point at that time
+    Pose<double> reference, truth, believed;
+    Pose<double> bare_odometry;  // wheels alone, from the true start of this drive
+    double error_m = 0;          // truth against the reference point at that time
     WheelPair<double> torque_Nm;
 };
 struct TrackingOptions {
