@@ -203,6 +203,8 @@ CanStep step_over_can(const Robots& robots, const model::RobotParameters& identi
         Simulation sim(believed, robots.truth.parameters, options_of(robots, 1000 + run));
         sim.run_for(kStart_s);
         const tools::StepResponse one = tools::velocity_step(sim, {step_m_per_s, 0});
+        out.lowest_overshoot = run == 0 ? one.overshoot : std::min(out.lowest_overshoot, one.overshoot);
+        out.highest_overshoot = std::max(out.highest_overshoot, one.overshoot);
         mean.time_s = one.time_s;
         mean.v_m_per_s.resize(one.v_m_per_s.size());
         for (std::size_t i = 0; i < one.v_m_per_s.size(); ++i)

@@ -54,7 +54,8 @@ CanIdentification identify_over_can(const Robots& robots, double duration_s);
 struct CanStep {
     tools::StepResponse response;
     double step_m_per_s = 0;
-    double predicted_overshoot = 0;  // of the sampled model with the identified delay
+    double lowest_overshoot = 0, highest_overshoot = 0;  // of the single runs
+    double predicted_overshoot = 0;                      // of the sampled model with the identified delay
 };
 CanStep step_over_can(const Robots& robots, const model::RobotParameters& identified, bool paper_gains,
                       double step_m_per_s, std::size_t runs = 1);

@@ -72,7 +72,8 @@ struct Reproduction {
     std::vector<Delayed> delayed;  // 0, 1, 2, 3 ms
 
     TorqueRun torque;
-    CanIdentification identification;
+    CanIdentification identification;          // run until K5 and K6 are well known too
+    CanIdentification default_identification;  // as the ident mode stops by the robot file's own settings
     CanStep step_ours, step_paper;
     double step_ripple = 0;  // of the settled true speed, share of the step
     std::vector<PoseDrive> poses;
