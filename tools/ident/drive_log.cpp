@@ -213,6 +213,10 @@ class Reader {
                         1, (at_ns - start_ns_ + task::kCyclePeriod_ns / 2) / task::kCyclePeriod_ns);
         const bool gap = first || passed > kLongestHold_cycles;
         if (gap) {
+            if (!first && left_.closed_loop() && right_.closed_loop()) {
+                note("gap: no torque commands for " +
+                     std::to_string((time_ns - last_command_ns_) / 1'000'000) + " ms: left out");
+            }
             start_ns_ = at_ns;
         } else {
             start_ns_ += passed * task::kCyclePeriod_ns;

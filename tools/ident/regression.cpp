@@ -8,11 +8,12 @@
 namespace wheelwright::tools {
 namespace {
 
-constexpr double kCollinear = 1e-10;    // of the largest eigenvalue of the scaled information matrix
+constexpr double kCollinear = 1e-10;  // of the largest eigenvalue of the scaled information matrix
+constexpr std::size_t kFewestSums = 40;
 constexpr std::size_t kFewestLags = 3;  // rows overlap: their noise is correlated whatever the sensor does
 
 // Andrews' bandwidth for Bartlett weights, from the scores' first autocorrelations.
-std::size_t bandwidth(const Eigen::MatrixXd& scores, const std::vector<std::size_t>& place) {
+double bandwidth(const Eigen::MatrixXd& scores, const std::vector<std::size_t>& place) {
     const auto n = static_cast<double>(scores.rows());
     double over = 0;
     double under = 0;
@@ -31,9 +32,35 @@ std::size_t bandwidth(const Eigen::MatrixXd& scores, const std::vector<std::size
         over += 4 * rho * rho * power / (std::pow(1 - rho, 6) * std::pow(1 + rho, 2));
         under += power / std::pow(1 - rho, 4);
     }
-    const double alpha = under > 0 ? over / under : 0;
-    const auto wanted = static_cast<std::size_t>(std::ceil(1.1447 * std::cbrt(alpha * n)));
-    return std::clamp(wanted, kFewestLags, std::max(kFewestLags, static_cast<std::size_t>(n / 6)));
+    return under > 0 ? 1.1447 * std::cbrt(over / under * n) : 0.0;
+}
+
+// Sums of `count` scores each: where fast noise hides a slow one, the sums show it.
+double bandwidth_of_sums(const Eigen::MatrixXd& scores, const std::vector<std::size_t>& place,
+                         std::size_t count) {
+    Eigen::MatrixXd sums(scores.rows(), scores.cols());
+    std::vector<std::size_t> places;
+    for (std::size_t t = 0; t < place.size(); ++t) {
+        const auto from = static_cast<Eigen::Index>(t);
+        if (places.empty() || place[t] / count != places.back()) {
+            places.push_back(place[t] / count);
+            sums.row(static_cast<Eigen::Index>(places.size()) - 1) = scores.row(from);
+        } else {
+            sums.row(static_cast<Eigen::Index>(places.size()) - 1) += scores.row(from);
+        }
+    }
+    sums.conservativeResize(static_cast<Eigen::Index>(places.size()), Eigen::NoChange);
+    return static_cast<double>(count) * bandwidth(sums, places);
+}
+
+std::size_t lags_for(const Eigen::MatrixXd& scores, const std::vector<std::size_t>& place) {
+    double wanted = static_cast<double>(kFewestLags);
+    for (const std::size_t count : {1U, 4U, 16U}) {
+        if (place.size() < count * kFewestSums) break;
+        wanted = std::max(wanted, bandwidth_of_sums(scores, place, count));
+    }
+    const std::size_t most = std::max(kFewestLags, place.size() / 8);
+    return std::min(static_cast<std::size_t>(std::ceil(wanted)), most);
 }
 
 Eigen::MatrixXd middle(const Eigen::MatrixXd& scores, const std::vector<std::size_t>& place,
@@ -86,8 +113,9 @@ Fit least_squares(const Rows& rows) {
     const Eigen::VectorXd theta = p * (scaled.transpose() * rows.y);
     const Eigen::VectorXd residual = rows.y - scaled * theta;
     const Eigen::MatrixXd scores = residual.asDiagonal() * scaled;
-    fit.lags = bandwidth(scores, rows.place);
-    const double small = n / std::max(1.0, n - static_cast<double>(size));
+    fit.lags = lags_for(scores, rows.place);
+    // parameters that were fitted, and what Bartlett weights cut off
+    const double small = n / std::max(1.0, n - static_cast<double>(size) - static_cast<double>(fit.lags));
     const Eigen::MatrixXd covariance = small * (p * middle(scores, rows.place, fit.lags) * p);
 
     fit.theta = inverse.asDiagonal() * theta;

@@ -5,7 +5,7 @@
 // weights (Newey and West, Econometrica 55, 1987) and the bandwidth of Andrews (Econometrica 59, 1991), from
 // first-order autoregressions of the scores phi e. On a computer with the whole log at hand that is better
 // than the recursive estimators' two-number model of the noise: residuals of real machines hold whatever the
-// model lacks. Small samples: times rows / (rows - parameters).
+// model lacks. Small samples: times rows / (rows - parameters - lags).
 #pragma once
 
 #include <Eigen/Core>

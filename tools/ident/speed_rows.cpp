@@ -22,33 +22,26 @@ double mean_sign(double a, double b) {
     return size > 0 ? (a + b) / size : 0.0;
 }
 
-// The torque as straight lines between its samples, and its integral. Sample times are taken as even.
+// The torque as steps, each sample held until the next, and its integral. Sample times are taken as even.
 class TorqueTrack {
   public:
     TorqueTrack(const MeasuredLog& log, double WheelPair<double>::*side)
-        : log_(log), side_(side), integral_(log.samples.size()) {
-        for (std::size_t i = 1; i < integral_.size(); ++i) {
-            integral_[i] = integral_[i - 1] + (at(i - 1) + at(i)) / 2;
-        }
+        : log_(log), side_(side), integral_(log.samples.size() + 1) {
+        for (std::size_t i = 1; i < integral_.size(); ++i) integral_[i] = integral_[i - 1] + at(i - 1);
     }
 
-    // `where` in samples from the first; 0 .. size - 1.
-    double value(double where) const {
-        const std::size_t i = below(where);
-        const double f = where - static_cast<double>(i);
-        return at(i) + f * (at(i + 1) - at(i));
-    }
+    // `where` in samples from the first; 0 .. size.
+    double value(double where) const { return at(below(where)); }
     double mean_over_interval(double from) const { return integral(from + 1) - integral(from); }
 
   private:
     double at(std::size_t i) const { return log_.samples[i].torque_Nm.*side_; }
     std::size_t below(double where) const {
-        return std::min(static_cast<std::size_t>(std::max(where, 0.0)), integral_.size() - 2);
+        return std::min(static_cast<std::size_t>(std::max(where, 0.0)), log_.samples.size() - 1);
     }
     double integral(double where) const {
         const std::size_t i = below(where);
-        const double f = where - static_cast<double>(i);
-        return integral_[i] + f * at(i) + f * f / 2 * (at(i + 1) - at(i));
+        return integral_[i] + (where - static_cast<double>(i)) * at(i);
     }
 
     const MeasuredLog& log_;
@@ -73,25 +66,34 @@ class RunReader {
         const double dt = log.period_s;
         const Twist<double> u0 = model::twist_from_wheel_speeds(options_.geometry, before);
         const Twist<double> u1 = model::twist_from_wheel_speeds(options_.geometry, after);
+        const double from = static_cast<double>(i) - delay_samples_;
+        const bool torque_known = from >= 0 && from + 1 <= static_cast<double>(log.samples.size());
+        WheelPair<double> torque;
+        WheelPair<double> slip;
+        Twist<double> bend;  // mean speed less the mean of both ends
+        if (torque_known) {
+            torque = {left_.mean_over_interval(from), right_.mean_over_interval(from)};
+            slip = {(left_.value(from) - left_.value(from + 1)) / dt,
+                    (right_.value(from) - right_.value(from + 1)) / dt};
+            // the torque steps where `from` passes the next sample
+            const double step_at = 1 - (from - std::floor(from));
+            const double shape = step_at * (1 - step_at) / 2 * dt * dt;
+            bend = {options_.k7_per_kg_m * slip.sum() * shape,
+                    options_.k8_per_kg_m2 * slip.difference() * shape};
+        }
+        const double v = (u0.v_m_per_s + u1.v_m_per_s) / 2;
+        const double omega = (u0.omega_rad_per_s + u1.omega_rad_per_s) / 2;
         out.clear();
         out.push_back((u1.v_m_per_s - u0.v_m_per_s) / dt);
         out.push_back((u1.omega_rad_per_s - u0.omega_rad_per_s) / dt);
         out.push_back(
-            mean_product(u0.omega_rad_per_s, u1.omega_rad_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s));
-        out.push_back(mean_product(u0.v_m_per_s, u1.v_m_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s));
-
-        const double from = static_cast<double>(i) - delay_samples_;
-        const bool torque_known = from >= 0 && from + 1 <= static_cast<double>(log.samples.size() - 1);
-        if (torque_known) {
-            push({left_.mean_over_interval(from), right_.mean_over_interval(from)}, out);
-            push({(left_.value(from) - left_.value(from + 1)) / dt,
-                  (right_.value(from) - right_.value(from + 1)) / dt},
-                 out);
-        } else {
-            push({}, out);
-            push({}, out);
-        }
-        push_effects(before, after, u0, u1, out);
+            mean_product(u0.omega_rad_per_s, u1.omega_rad_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s) +
+            2 * omega * bend.omega_rad_per_s);
+        out.push_back(mean_product(u0.v_m_per_s, u1.v_m_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s) +
+                      v * bend.omega_rad_per_s + omega * bend.v_m_per_s);
+        push(torque, out);
+        push(slip, out);
+        push_effects(before, after, u0, u1, bend, out);
         return torque_known && !run_.left_out[i];
     }
 
@@ -102,7 +104,8 @@ class RunReader {
     }
 
     void push_effects(const WheelPair<double>& before, const WheelPair<double>& after,
-                      const Twist<double>& u0, const Twist<double>& u1, Signals& out) {
+                      const Twist<double>& u0, const Twist<double>& u1, const Twist<double>& bend,
+                      Signals& out) {
         const double dt = run_.log->period_s;
         // speeds and angles along the interval; Simpson's rule takes their start, middle and end
         const auto motion_at = [&](double f) {
@@ -134,7 +137,14 @@ class RunReader {
                                    });
         };
         add(motion_at(0), 1.0 / 6);
-        add(motion_at(0.5), 4.0 / 6);
+        model::Motion<double> middle = motion_at(0.5);
+        const double peak = 1.5;  // of a parabola with the mean 1
+        const WheelPair<double> bent = model::wheel_speeds_from_twist(options_.geometry, bend);
+        middle.wheel_speed_rad_per_s.left += peak * bent.left;
+        middle.wheel_speed_rad_per_s.right += peak * bent.right;
+        middle.twist.v_m_per_s += peak * bend.v_m_per_s;
+        middle.twist.omega_rad_per_s += peak * bend.omega_rad_per_s;
+        add(middle, 4.0 / 6);
         add(end, 1.0 / 6);
         angle_ = end.wheel_angle_rad;
         heading_rad_ = end.heading_rad;
@@ -166,11 +176,13 @@ SpeedRows make_speed_rows(std::span<const SpeedRun> runs, const SpeedRowOptions&
         const std::size_t intervals = run.log->samples.size() - 1;
         RunReader reader(run, options);
         Signals signals;
-        std::vector<Signals> all(intervals);
+        Signals sum;
+        const std::size_t width = kFirstPair + 2 * pairs;
+        std::vector<double> all(intervals * width);
         std::vector<bool> usable(intervals);
         for (std::size_t i = 0; i < intervals; ++i) {
             usable[i] = reader.read(i, signals);
-            all[i] = signals;
+            std::copy(signals.begin(), signals.end(), all.begin() + static_cast<std::ptrdiff_t>(i * width));
         }
         for (std::size_t begin = 0; begin + 2 * m - 1 <= intervals; begin += m, ++next_place) {
             const auto first = usable.begin() + static_cast<std::ptrdiff_t>(begin);
@@ -179,10 +191,11 @@ SpeedRows make_speed_rows(std::span<const SpeedRun> runs, const SpeedRowOptions&
                 ++rows.masked;
                 continue;
             }
-            Signals sum(kFirstPair + 2 * pairs, 0.0);
+            sum.assign(width, 0.0);
             for (std::size_t k = 0; k < 2 * m - 1; ++k) {
                 const double weight = scale * static_cast<double>(k < m ? k + 1 : 2 * m - 1 - k);
-                for (std::size_t s = 0; s < sum.size(); ++s) sum[s] += weight * all[begin + k][s];
+                const double* at = &all[(begin + k) * width];
+                for (std::size_t s = 0; s < width; ++s) sum[s] += weight * at[s];
             }
             for (std::size_t e = 0; e < 2; ++e) {
                 y[e].push_back(sum[kV + e]);

@@ -1,0 +1,185 @@
+// A robot that identified itself over CAN left a log; what the log says must be what the firmware found, and
+// what the simulated robot really is. Spoilt logs are refused by line, or cost no more than what is spoilt.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <fstream>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "temporary_file.hpp"
+#include "tools/ident/findings.hpp"
+#include "tools/sim/experiments.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using tools::Findings;
+
+namespace {
+
+const std::string kRobots = WHEELWRIGHT_ROBOTS;
+
+model::RobotParameters robot(const char* name) { return tools::load_robot(kRobots + name).parameters; }
+
+tools::IdentSetup believed() {
+    tools::IdentSetup s;
+    s.robot = robot("/default.toml");
+    s.effects = s.robot.effects.active;
+    s.relative_standard_error = s.robot.ident.relative_standard_error;
+    return s;
+}
+
+// One identification, made once for the whole group: frames as lines, and what the firmware found meanwhile.
+struct Recording {
+    tools::IdentificationResult online;
+    model::Dynamics<double> truth;
+    model::RobotParameters plant;
+};
+
+Recording record(const std::string& path) {
+    Recording r;
+    const task::RobotFile truth = tools::load_robot(kRobots + "/simulated.toml");
+    r.plant = truth.parameters;
+    tools::SimulationOptions options;
+    options.seed = 7;
+    options.log_path = path;
+    options.world = tools::world_options(truth.simulation, options.seed);
+    tools::Simulation sim(robot("/default.toml"), truth.parameters, options);
+    sim.run_for(0.3);  // the drives are heard
+    r.online = tools::identify(sim);
+    r.truth =
+        tools::as_seen_with(truth.parameters.dynamics, truth.parameters.geometry, believed().robot.geometry);
+    return r;
+}
+
+std::vector<std::string> read_lines(const std::string& path) {
+    std::vector<std::string> lines;
+    std::ifstream in(path);
+    for (std::string line; std::getline(in, line);) lines.push_back(line);
+    return lines;
+}
+
+std::string join(const std::vector<std::string>& lines) {
+    std::string text;
+    for (const std::string& line : lines) text += line + "\n";
+    return text;
+}
+
+double seconds(const std::string& line) { return std::stod(line.substr(1)); }
+
+Findings identify(const std::string& path) { return tools::identify_logs({path}, believed()); }
+
+void expect_problem(const std::string& text, const std::string& part) {
+    const TemporaryFile file(text);
+    const Findings f = identify(file.path);
+    CHECK(!f.problems.empty());
+    std::printf("  %s\n", f.problems.front().c_str());
+    CHECK_TEXT(f.problems.front().find(part) != std::string::npos, f.problems.front().c_str());
+}
+
+}  // namespace
+
+TEST_GROUP(DriveLogs){};
+
+TEST(DriveLogs, TheLogTellsWhatTheFirmwareFoundAndWhatTheRobotIs) {
+    const TemporaryFile log;
+    const Recording r = record(log.path);
+    CHECK(r.online.succeeded);
+    const Findings f = identify(log.path);
+    CHECK(f.problems.empty());
+    const auto each = [](const model::Dynamics<double>& k) {
+        return std::array{k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2};
+    };
+    const auto truth = each(r.truth);
+    const auto online = each(r.online.estimate.dynamics);
+    const auto online_error = each(r.online.estimate.standard_error);
+    for (std::size_t i = 0; i < 4; ++i) {
+        const tools::DynamicsFigure& k = f.k[i];
+        std::printf("  %s truth %.6g, online %.6g +- %.2g, log %.6g +- %.2g (%.2f %% off)\n", k.label.data(),
+                    truth[i], online[i], online_error[i], k.value, k.standard_error,
+                    100 * (k.value / truth[i] - 1));
+        CHECK(k.known);
+        CHECK(std::abs(k.value - online[i]) < 2 * std::hypot(k.standard_error, online_error[i]));
+        CHECK(std::abs(k.value - truth[i]) < 4 * k.standard_error);
+    }
+    CHECK(std::abs(f.k7().value / truth[2] - 1) < 0.02);
+    CHECK(std::abs(f.k8().value / truth[3] - 1) < 0.02);
+    std::printf("  delay %.4f ms +- %.4f, online %.4f ms\n", 1e3 * f.delay_s.value,
+                1e3 * f.delay_s.standard_error, 1e3 * r.online.delay_s);
+    CHECK(f.delay_s.known);
+    DOUBLES_EQUAL(r.online.delay_s, f.delay_s.value, 2e-4);
+    LONGS_EQUAL(4, f.effects.size());
+    for (const tools::EffectFigure& e : f.effects) {
+        const double p = r.plant.effects.parameter[e.effect][e.parameter];
+        std::printf("  %s.%s truth %.4g, log %.4g +- %.2g\n", model::kEffects[e.effect].name.data(),
+                    model::kEffects[e.effect].parameters[e.parameter].name.data(), p, e.value,
+                    e.standard_error);
+        CHECK(e.known);
+        CHECK(std::abs(e.value - p) < 4 * e.standard_error + 0.03 * p);
+    }
+    CHECK(f.notes.empty());
+
+    // What follows spoils the same log.
+    const std::vector<std::string> good = read_lines(log.path);
+
+    // Two seconds torn out: the rest counts, and the place is named.
+    std::vector<std::string> gap;
+    const double cut = seconds(good.front()) + r.online.duration_s / 2;
+    for (const std::string& line : good) {
+        if (seconds(line) < cut || seconds(line) > cut + 0.5) gap.push_back(line);
+    }
+    const TemporaryFile torn(join(gap));
+    const Findings after = identify(torn.path);
+    CHECK(after.problems.empty());
+    std::printf("  torn: K7 %.6g, K8 %.6g, %zu notes\n", after.k7().value, after.k8().value,
+                after.notes.size());
+    CHECK(std::abs(after.k7().value - truth[2]) < 4 * after.k7().standard_error);
+    CHECK(std::abs(after.k8().value - truth[3]) < 4 * after.k8().standard_error);
+    CHECK(!after.notes.empty());
+
+    // One wheel's encoder silent for 100 ms while the other frames go on.
+    std::vector<std::string> deaf;
+    for (const std::string& line : good) {
+        const bool encoder = line.find(" 029#") != std::string::npos;
+        if (!encoder || seconds(line) < cut || seconds(line) > cut + 0.1) deaf.push_back(line);
+    }
+    const TemporaryFile silent(join(deaf));
+    const Findings without = identify(silent.path);
+    CHECK(without.problems.empty());
+    LONGS_EQUAL(1, without.notes.size());
+    std::printf("  %s\n", without.notes.front().c_str());
+    CHECK(std::abs(without.k8().value - truth[3]) < 4 * without.k8().standard_error);
+
+    // The torque multiplied by nothing at all from one drive: it reports what it does not deliver.
+    std::vector<std::string> backward = good;
+    std::swap(backward[1000], backward[1400]);
+    expect_problem(join(backward), ":1002: time goes back");
+
+    std::vector<std::string> broken = good;
+    broken[2000].resize(broken[2000].size() - 1);
+    expect_problem(join(broken), ":2001: data ends in the middle of a byte");
+
+    // Torque commands of a 0 Nm robot.
+    std::vector<std::string> still;
+    for (std::string line : good) {
+        const std::size_t mark = line.find("#");
+        const std::string id = line.substr(mark - 3, 3);
+        if (id == "02E" || id == "04E") line = line.substr(0, mark + 1) + "00000000";
+        still.push_back(line);
+    }
+    expect_problem(join(still), "the commanded torque never changes");
+
+    const auto first_second = std::find_if(good.begin(), good.end(), [&](const std::string& line) {
+        return seconds(line) > seconds(good.front()) + 1.5;
+    });
+    expect_problem(join({good.begin(), first_second}), "too short");
+}
+
+TEST(DriveLogs, ALogOfAnotherRobotIsRefused) {
+    expect_problem("(1.000000) can0 701#0102030405060708\n(1.100000) can0 702#01\n",
+                   "holds no torque command to the drives of the robot file");
+    expect_problem("(1.000000) can0 02E#0000803F\n(1.001000) can0 02E#0000803F\n",
+                   "no cycle with commands to both");
+}
