@@ -126,7 +126,7 @@ class DriveView {
 
 class Reader {
   public:
-    Reader(const model::RobotParameters& robot)
+    explicit Reader(const model::RobotParameters& robot)
         : left_(robot, Wheel::left),
           right_(robot, Wheel::right),
           radius_(robot.geometry.wheel_radius_m),

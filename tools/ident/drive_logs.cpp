@@ -10,11 +10,13 @@
 #include "tools/cli/report.hpp"
 #include "tools/ident/drive_log.hpp"
 #include "tools/ident/findings.hpp"
+#include "tools/ident/regression.hpp"
 
 namespace wheelwright::tools {
 namespace {
 
 constexpr double kUnexcited = 0.5;          // of the prior variance that is left: the log said nothing
+constexpr std::size_t kApart = 1'000'000;   // rows between stretches: beyond every lag
 constexpr std::uint32_t kFewestRows = 200;  // as the estimator: below, it states no errors
 
 ident::DynamicsEstimatorOptions<double> estimator_options(const IdentSetup& setup) {
@@ -40,29 +42,64 @@ void feed(Estimator& estimator, const std::vector<DriveLog>& logs) {
     }
 }
 
-// Power of the rows' left sides, for the share that is explained.
-TwistRate<double> row_power(const std::vector<DriveLog>& logs,
-                            const ident::RegressionFilterOptions<double>& options) {
-    ident::RegressionFilter<double> filter;
+// The rows of the firmware's filter, all at once: phi = [velocity product, torque, lag, slip, columns ...] as
+// in DynamicsEstimator.
+struct AllRows {
+    Rows linear, turning;
+};
+enum Column : Eigen::Index { kVelocityProduct, kTorque, kLag, kSlip, kFirstEffect };
+
+AllRows all_rows(const std::vector<DriveLog>& logs, ident::RegressionFilterOptions<double> options,
+                 double tap_spacing_s) {
+    using Filter = ident::RegressionFilter<double, ident::DynamicsEstimator<double>::kTaps>;
+    options.tap_spacing_s = tap_spacing_s;
+    Filter filter;
     filter.configure(options);
-    TwistRate<double> power;
-    double rows = 0;
+    std::vector<ident::RegressionRow<double, ident::DynamicsEstimator<double>::kTaps>> rows;
+    std::vector<std::size_t> place;
+    std::size_t now = 0;
     for (const DriveLog& log : logs) {
         filter.restart();
+        now += kApart;
         for (const DriveLog::Cycle& cycle : log.cycles) {
-            if (cycle.restart) filter.restart();
-            if (!filter.push(cycle.sample) || !filter.row().usable) continue;
-            const TwistRate<double>& a = filter.row().acceleration;
-            power.v_m_per_s2 += a.v_m_per_s2 * a.v_m_per_s2;
-            power.omega_rad_per_s2 += a.omega_rad_per_s2 * a.omega_rad_per_s2;
-            rows += 1;
+            if (cycle.restart) {
+                filter.restart();
+                now += kApart;
+            }
+            if (!filter.push(cycle.sample)) continue;
+            ++now;
+            if (!filter.row().usable) continue;
+            rows.push_back(filter.row());
+            place.push_back(now);
         }
     }
-    if (rows > 0) {
-        power.v_m_per_s2 /= rows;
-        power.omega_rad_per_s2 /= rows;
-    }
-    return power;
+    const auto fill = [&](auto&& combined, auto&& left_side, auto&& velocity_product) {
+        Rows to;
+        to.phi.resize(static_cast<Eigen::Index>(rows.size()), kFirstEffect + filter.columns());
+        to.y.resize(static_cast<Eigen::Index>(rows.size()));
+        to.place = place;
+        for (std::size_t i = 0; i < rows.size(); ++i) {
+            const auto& row = rows[i];
+            const auto t = static_cast<Eigen::Index>(i);
+            const std::array<double, 3> torque{combined(row.torque_Nm[0]), combined(row.torque_Nm[1]),
+                                               combined(row.torque_Nm[2])};
+            to.phi(t, kVelocityProduct) = velocity_product(row);
+            to.phi(t, kTorque) = torque[1];
+            to.phi(t, kLag) = torque[0] + torque[2] - 2 * torque[1];
+            to.phi(t, kSlip) = torque[2] - torque[0];
+            for (int c = 0; c < filter.columns(); ++c) {
+                to.phi(t, kFirstEffect + c) = combined(row.column[static_cast<std::size_t>(c)]);
+            }
+            to.y(t) = left_side(row);
+        }
+        return to;
+    };
+    return {fill([](const WheelPair<double>& pair) { return pair.sum(); },
+                 [](const auto& row) { return row.acceleration.v_m_per_s2; },
+                 [](const auto& row) { return row.omega_squared; }),
+            fill([](const WheelPair<double>& pair) { return pair.difference(); },
+                 [](const auto& row) { return row.acceleration.omega_rad_per_s2; },
+                 [](const auto& row) { return row.v_omega; })};
 }
 
 void report_dynamics(const ident::DynamicsEstimate<double>& e, double prior, Findings& findings) {
@@ -83,18 +120,29 @@ void report_dynamics(const ident::DynamicsEstimate<double>& e, double prior, Fin
     }
 }
 
-void report_effects(const ident::DynamicsEstimate<double>& e, double largest_torque_Nm, Findings& findings) {
+// Not from the recursive estimator: it weighs each equation's effects alone, which goes wrong where one
+// equation knows only a sum (all wheels turning forward) and the other only a difference.
+void report_effects(const Fit& linear, const Fit& turning, const IdentSetup& setup, double largest_torque_Nm,
+                    Findings& findings) {
+    std::vector<const Fit*> fits;
+    if (findings.k7().known) fits.push_back(&linear);
+    if (findings.k8().known) fits.push_back(&turning);
+    const Shared shared = combine(fits, kTorque, kFirstEffect);
+    model::EffectSet<double> set;
+    set.active = setup.effects;
     std::array<ident::ColumnPlace, model::kMaxColumns> places{};
-    const int columns = ident::column_places(e.effects, places);
+    const int columns = ident::column_places(set, places);
     for (int c = 0; c < columns; ++c) {
         const ident::ColumnPlace place = places[static_cast<std::size_t>(c)];
         EffectFigure figure;
         figure.effect = place.effect;
         figure.parameter = place.parameter;
-        figure.value = e.effects.parameter[place.effect][place.parameter];
-        figure.standard_error = e.effects_standard_error.parameter[place.effect][place.parameter];
-        // an error as large as all the torque there was: nothing is known
-        figure.known = figure.standard_error > 0 && figure.standard_error < largest_torque_Nm / 2;
+        if (shared.value.size() > 0) {
+            figure.value = shared.value(c);
+            figure.standard_error = shared.error(c);
+            // an error as large as half of all the torque there was: nothing is known
+            figure.known = figure.standard_error < largest_torque_Nm / 2;
+        }
         if (!figure.known) figure.reason = "the log does not tell it from the other parameters";
         findings.effects.push_back(std::move(figure));
     }
@@ -150,12 +198,13 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     findings.averaged_over_s = 3 * block * options.filter.sample_time_s;
     const TwistRate<double> residual = estimator.residual_variance();
     findings.residual_rms = {std::sqrt(residual.v_m_per_s2), std::sqrt(residual.omega_rad_per_s2)};
-    const TwistRate<double> power = row_power(logs, options.filter);
-    findings.explained_share = {1 - residual.v_m_per_s2 / power.v_m_per_s2,
-                                1 - residual.omega_rad_per_s2 / power.omega_rad_per_s2};
+    const AllRows rows = all_rows(logs, options.filter, estimator.filter().options().tap_spacing_s);
+    const Fit linear = least_squares(rows.linear);
+    const Fit turning = least_squares(rows.turning);
+    findings.explained_share = {linear.explained_share, turning.explained_share};
     report_dynamics(e, options.prior_variance, findings);
     judge(findings, setup.robot.geometry);
-    report_effects(e, largest_torque_Nm, findings);
+    report_effects(linear, turning, setup, largest_torque_Nm, findings);
     return findings;
 }
 

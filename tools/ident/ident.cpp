@@ -1,5 +1,6 @@
 // `wheelwright ident`: K5..K8 and the effects' parameters from logs.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>

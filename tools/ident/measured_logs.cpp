@@ -1,5 +1,6 @@
 // Identification from logs of torques and wheel speeds at any rate.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -54,8 +55,8 @@ struct Unknowns {
 
 struct Equations {
     Fit linear, turning;
-    double torque_rms[2]{};
-    std::vector<double> column_rms[2];
+    std::array<double, 2> torque_rms{};
+    std::array<std::vector<double>, 2> column_rms;
     std::size_t rows = 0, masked = 0;
 };
 
@@ -292,34 +293,26 @@ class Experiment {
         return fit.rows > 0 && fit.theta(kTorque) > 0 && error(fit, kTorque) < fit.theta(kTorque) / 4;
     }
 
-    // Both equations' ratios, weighted by their variances.
-    template <typename Make>
-    static Ratio combine(const Equations& e, Make&& make) {
+    static std::vector<const Fit*> firm_ones(const Equations& e) {
+        std::vector<const Fit*> fits;
+        for (const Fit* fit : {&e.linear, &e.turning}) {
+            if (firm(*fit)) fits.push_back(fit);
+        }
+        return fits;
+    }
+    static Shared effects(const Equations& e) { return combine(firm_ones(e), kTorque, kFirstEffect); }
+
+    static Ratio delay_step(const Equations& e) {
         double weight = 0;
         double sum = 0;
-        for (const Fit* fit : {&e.linear, &e.turning}) {
-            if (!firm(*fit)) continue;
-            Ratio r;
-            if (!make(*fit, r) || !(r.variance > 0)) continue;
+        for (const Fit* fit : firm_ones(e)) {
+            const Ratio r = ratio(*fit, kSlip, kTorque);
+            if (!fit->tells(kSlip) || !(r.variance > 0)) continue;
             weight += 1 / r.variance;
             sum += r.value / r.variance;
         }
         if (!(weight > 0)) return {0, std::numeric_limits<double>::infinity()};
         return {sum / weight, 1 / weight};
-    }
-    static Ratio effect(const Equations& e, Eigen::Index column) {
-        return combine(e, [column](const Fit& fit, Ratio& out) {
-            if (!fit.tells(column)) return false;
-            out = ratio(fit, column, kTorque);
-            return true;
-        });
-    }
-    static Ratio delay_step(const Equations& e) {
-        return combine(e, [](const Fit& fit, Ratio& out) {
-            if (!fit.tells(kSlip)) return false;
-            out = ratio(fit, kSlip, kTorque);
-            return true;
-        });
     }
 
     void set_block(double block_s) {
@@ -377,15 +370,13 @@ class Experiment {
     }
     static bool tells_apart(const Equations& e, Eigen::Index i, Eigen::Index k) {
         if (!firm(e.turning)) return false;  // driven straight: only noise tells the wheels apart
-        const Ratio contrast = combine(e, [i, k](const Fit& fit, Ratio& out) {
-            if (!fit.tells(i) || !fit.tells(k)) return false;
-            out = difference_ratio(fit, i, k, kTorque);
-            return true;
-        });
-        const double mean = std::abs(effect(e, i).value + effect(e, k).value) / 2;
-        const auto c = static_cast<std::size_t>(i - kFirstEffect);
+        const Shared shared = effects(e);
+        const Eigen::Index one = i - kFirstEffect;
+        const Eigen::Index other = k - kFirstEffect;
+        const double mean = std::abs(shared.value(one) + shared.value(other)) / 2;
+        const auto c = static_cast<std::size_t>(one);
         const double scale = e.column_rms[0][c] > 0 ? e.torque_rms[0] / e.column_rms[0][c] : 0;
-        return std::sqrt(contrast.variance) < std::max(mean / 2, 0.02 * scale);
+        return shared.error_of_difference(one, other) < std::max(mean / 2, 0.02 * scale);
     }
     void merge(int l, int r) {
         auto& groups = unknowns_.groups;
@@ -566,19 +557,24 @@ class Experiment {
     }
 
     void report_effects(const Equations& e, const Equations& coarse) {
+        const Shared shared = effects(e);
+        const Shared other = effects(coarse);
         for (int c = 0; c < unknowns_.columns; ++c) {
             const Eigen::Index column = unknowns_.column_of(c);
             const auto g = static_cast<std::size_t>(column - kFirstEffect);
             const ident::ColumnPlace place = unknowns_.places[static_cast<std::size_t>(c)];
-            const Ratio r = effect(e, column);
             EffectFigure figure;
             figure.effect = place.effect;
             figure.parameter = place.parameter;
-            figure.value = r.value;
-            const Ratio other = effect(coarse, column);
-            figure.standard_error = std::sqrt(r.variance);
-            if (std::isfinite(other.variance)) {
-                figure.standard_error = with_method_error(figure.standard_error, r.value, other.value);
+            figure.standard_error = std::numeric_limits<double>::infinity();
+            const Eigen::Index at = column - kFirstEffect;
+            if (shared.value.size() > 0) {
+                figure.value = shared.value(at);
+                figure.standard_error = shared.error(at);
+            }
+            if (other.value.size() > 0 && other.tells(at)) {
+                figure.standard_error =
+                    with_method_error(figure.standard_error, figure.value, other.value(at));
             }
             figure.common = unknowns_.groups[g].size() > 1;
             double scale = 0;

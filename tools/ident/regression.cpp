@@ -83,6 +83,31 @@ Eigen::MatrixXd middle(const Eigen::MatrixXd& scores, const std::vector<std::siz
     return sum;
 }
 
+// Of a positive matrix, after scaling its diagonal to ones; collinear directions are left out.
+struct PseudoInverse {
+    Eigen::MatrixXd matrix;
+    Eigen::VectorXd unknown_share;
+};
+PseudoInverse pseudo_inverse(const Eigen::MatrixXd& a) {
+    const Eigen::Index size = a.rows();
+    Eigen::VectorXd inverse = Eigen::VectorXd::Zero(size);
+    for (Eigen::Index i = 0; i < size; ++i) {
+        if (a(i, i) > 0) inverse(i) = 1 / std::sqrt(a(i, i));
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(inverse.asDiagonal() * a *
+                                                                inverse.asDiagonal());
+    const Eigen::VectorXd& lambda = solver.eigenvalues();
+    PseudoInverse result{Eigen::MatrixXd::Zero(size, size), Eigen::VectorXd::Ones(size)};
+    for (Eigen::Index k = 0; k < size; ++k) {
+        if (lambda(k) <= kCollinear * lambda(size - 1) || !(lambda(k) > 0)) continue;
+        const Eigen::VectorXd v = solver.eigenvectors().col(k);
+        result.unknown_share -= v.cwiseAbs2();
+        result.matrix += v * v.transpose() / lambda(k);
+    }
+    result.matrix = inverse.asDiagonal() * result.matrix * inverse.asDiagonal();
+    return result;
+}
+
 }  // namespace
 
 Fit least_squares(const Rows& rows) {
@@ -92,41 +117,26 @@ Fit least_squares(const Rows& rows) {
     fit.rows = static_cast<std::size_t>(rows.phi.rows());
     fit.bare_diagonal = Eigen::VectorXd::Constant(size, std::numeric_limits<double>::infinity());
     fit.independent_rms = Eigen::VectorXd::Zero(size);
-    fit.unknown_share = Eigen::VectorXd::Ones(size);
 
-    Eigen::VectorXd scale = rows.phi.colwise().norm();
-    for (Eigen::Index j = 0; j < size; ++j) {
-        if (!(scale(j) > 0)) scale(j) = std::numeric_limits<double>::infinity();  // the column becomes zero
-    }
-    const Eigen::VectorXd inverse = scale.cwiseInverse();
-    const Eigen::MatrixXd scaled = rows.phi * inverse.asDiagonal();
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(scaled.transpose() * scaled);
-    const Eigen::VectorXd& lambda = solver.eigenvalues();
-    const Eigen::MatrixXd& v = solver.eigenvectors();
-    Eigen::VectorXd kept = Eigen::VectorXd::Zero(size);
-    for (Eigen::Index k = 0; k < size; ++k) {
-        if (lambda(k) <= kCollinear * lambda(size - 1) || !(lambda(k) > 0)) continue;
-        kept(k) = 1 / lambda(k);
-        fit.unknown_share -= v.col(k).cwiseAbs2();
-    }
-    const Eigen::MatrixXd p = v * kept.asDiagonal() * v.transpose();
-    const Eigen::VectorXd theta = p * (scaled.transpose() * rows.y);
-    const Eigen::VectorXd residual = rows.y - scaled * theta;
-    const Eigen::MatrixXd scores = residual.asDiagonal() * scaled;
+    const Eigen::MatrixXd gram = rows.phi.transpose() * rows.phi;
+    const PseudoInverse inverse = pseudo_inverse(gram);
+    const Eigen::MatrixXd& p = inverse.matrix;
+    fit.unknown_share = inverse.unknown_share;
+    fit.theta = p * (rows.phi.transpose() * rows.y);
+    const Eigen::VectorXd residual = rows.y - rows.phi * fit.theta;
+    const Eigen::MatrixXd scores = residual.asDiagonal() * rows.phi;
     fit.lags = lags_for(scores, rows.place);
     // parameters that were fitted, and what Bartlett weights cut off
     const double small = n / std::max(1.0, n - static_cast<double>(size) - static_cast<double>(fit.lags));
-    const Eigen::MatrixXd covariance = small * (p * middle(scores, rows.place, fit.lags) * p);
-
-    fit.theta = inverse.asDiagonal() * theta;
-    fit.covariance = inverse.asDiagonal() * covariance * inverse.asDiagonal();
+    fit.covariance = small * (p * middle(scores, rows.place, fit.lags) * p);
+    fit.residual_power = residual.squaredNorm() / n;
+    fit.information = gram / std::max(fit.residual_power, std::numeric_limits<double>::min());
     for (Eigen::Index j = 0; j < size; ++j) {
         if (!fit.tells(j)) continue;
-        fit.bare_diagonal(j) = p(j, j) * inverse(j) * inverse(j);
+        fit.bare_diagonal(j) = p(j, j);
         fit.independent_rms(j) = 1 / std::sqrt(fit.bare_diagonal(j) * n);
     }
     const double power = rows.y.squaredNorm();
-    fit.residual_power = residual.squaredNorm() / n;
     fit.explained_share = power > 0 ? 1 - residual.squaredNorm() / power : 0;
     return fit;
 }
@@ -178,13 +188,47 @@ Ratio ratio(const Fit& fit, Eigen::Index i, Eigen::Index j) {
     return {value, spread / (fit.theta(j) * fit.theta(j))};
 }
 
-Ratio difference_ratio(const Fit& fit, Eigen::Index i, Eigen::Index k, Eigen::Index j) {
-    const double value = (fit.theta(i) - fit.theta(k)) / fit.theta(j);
-    const Eigen::MatrixXd& c = fit.covariance;
-    const double own = c(i, i) - 2 * c(i, k) + c(k, k);
-    const double with = c(i, j) - c(k, j);
-    const double spread = own - 2 * value * with + value * value * c(j, j);
-    return {value, spread / (fit.theta(j) * fit.theta(j))};
+double Shared::error(Eigen::Index i) const {
+    if (!tells(i) || !(covariance(i, i) > 0)) return std::numeric_limits<double>::infinity();
+    return std::sqrt(covariance(i, i));
+}
+
+double Shared::error_of_difference(Eigen::Index i, Eigen::Index k) const {
+    if (!tells(i) || !tells(k)) return std::numeric_limits<double>::infinity();
+    return std::sqrt(std::max(0.0, covariance(i, i) - 2 * covariance(i, k) + covariance(k, k)));
+}
+
+Shared combine(const std::vector<const Fit*>& fits, Eigen::Index torque, Eigen::Index first) {
+    Shared shared;
+    if (fits.empty()) return shared;
+    const Eigen::Index size = fits.front()->theta.size() - first;
+    Eigen::MatrixXd total = Eigen::MatrixXd::Zero(size, size);
+    Eigen::VectorXd pull = Eigen::VectorXd::Zero(size);
+    Eigen::MatrixXd spread = Eigen::MatrixXd::Zero(size, size);
+    for (const Fit* fit : fits) {
+        const double gain = fit->theta(torque);
+        const Eigen::VectorXd value = fit->theta.tail(size) / gain;
+        // to first order, the ratios move with d theta_j - ratio_j d theta_torque
+        Eigen::MatrixXd slope = Eigen::MatrixXd::Zero(size, fit->theta.size());
+        slope.rightCols(size).setIdentity();
+        slope.col(torque) = -value;
+        const Eigen::MatrixXd covariance = slope * fit->covariance * slope.transpose() / (gain * gain);
+        // what the equation knows of the ratios, whatever its other parameters are
+        const Eigen::MatrixXd across = fit->information.block(0, first, first, size);
+        const Eigen::MatrixXd known =
+            gain * gain *
+            (fit->information.bottomRightCorner(size, size) -
+             across.transpose() * pseudo_inverse(fit->information.topLeftCorner(first, first)).matrix *
+                 across);
+        total += known;
+        pull += known * value;
+        spread += known * covariance * known;
+    }
+    const PseudoInverse p = pseudo_inverse(total);
+    shared.value = p.matrix * pull;
+    shared.covariance = p.matrix * spread * p.matrix;
+    shared.unknown_share = p.unknown_share;
+    return shared;
 }
 
 }  // namespace wheelwright::tools

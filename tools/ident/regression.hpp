@@ -23,6 +23,7 @@ struct Rows {
 struct Fit {
     Eigen::VectorXd theta;
     Eigen::MatrixXd covariance;       // for coloured residuals
+    Eigen::MatrixXd information;      // phi^T phi over the residual's mean square
     Eigen::VectorXd bare_diagonal;    // of the inverse of phi^T phi; infinite where unknown
     Eigen::VectorXd independent_rms;  // of each column, less what the other columns explain
     // Share of a parameter's axis that lies in directions the data says nothing about: 0 known, 1 not at all.
@@ -48,7 +49,20 @@ struct Ratio {
     double value = 0, variance = 0;
 };
 Ratio ratio(const Fit& fit, Eigen::Index numerator, Eigen::Index denominator);
-// (theta_i - theta_k) / theta_j.
-Ratio difference_ratio(const Fit& fit, Eigen::Index i, Eigen::Index k, Eigen::Index denominator);
+
+// Parameters that several equations share: theta_(first + j) / theta_torque of each. One equation may know
+// only a sum of two of them and another only their difference; what each knows is added up, so the
+// parameters come out where the equations tell them together.
+struct Shared {
+    Eigen::VectorXd value;
+    Eigen::MatrixXd covariance;
+    Eigen::VectorXd unknown_share;  // as in Fit
+
+    bool tells(Eigen::Index parameter) const { return unknown_share(parameter) < 1e-6; }
+    double error(Eigen::Index parameter) const;  // infinite where nothing is told
+    // Standard error of the difference of two of them.
+    double error_of_difference(Eigen::Index one, Eigen::Index other) const;
+};
+Shared combine(const std::vector<const Fit*>& fits, Eigen::Index torque, Eigen::Index first);
 
 }  // namespace wheelwright::tools

@@ -161,8 +161,8 @@ class RunReader {
 }  // namespace
 
 SpeedRows make_speed_rows(std::span<const SpeedRun> runs, const SpeedRowOptions& options) {
-    std::vector<double> phi[2];
-    std::vector<double> y[2];
+    std::array<std::vector<double>, 2> phi;
+    std::array<std::vector<double>, 2> y;
     SpeedRows rows;
     std::vector<std::size_t> place;
     std::size_t columns = 0;

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "temporary_file.hpp"
+#include "tests/tools/ident/temporary_file.hpp"
 #include "tools/ident/findings.hpp"
 #include "tools/sim/experiments.hpp"
 //
@@ -175,6 +175,35 @@ TEST(DriveLogs, TheLogTellsWhatTheFirmwareFoundAndWhatTheRobotIs) {
         return seconds(line) > seconds(good.front()) + 1.5;
     });
     expect_problem(join({good.begin(), first_second}), "too short");
+}
+
+// Wheels that only ever turn forward: dv/dt knows the sum of both dry frictions, domega/dt their difference.
+TEST(DriveLogs, AFigureEightTellsTheFrictionOfEachWheel) {
+    const TemporaryFile log;
+    const task::RobotFile truth = tools::load_robot(kRobots + "/simulated.toml");
+    {
+        tools::SimulationOptions options;
+        options.seed = 4;
+        options.log_path = log.path;
+        options.world = tools::world_options(truth.simulation, options.seed);
+        tools::Simulation sim(robot("/default.toml"), truth.parameters, options);
+        sim.run_for(0.3);
+        tools::TrackingOptions track;
+        track.duration_s = 20;
+        track.path = control::standard_figure_eight<double>(sim.parameters());
+        CHECK(tools::track(sim, track).entered);
+    }
+    const Findings f = identify(log.path);
+    CHECK(f.problems.empty());
+    CHECK(f.good_enough(0.01));
+    for (const tools::EffectFigure& e : f.effects) {
+        const double p = truth.parameters.effects.parameter[e.effect][e.parameter];
+        std::printf("  %s.%s truth %.4g, log %.4g +- %.2g\n", model::kEffects[e.effect].name.data(),
+                    model::kEffects[e.effect].parameters[e.parameter].name.data(), p, e.value,
+                    e.standard_error);
+        CHECK(e.known);
+        CHECK(std::abs(e.value - p) < 4 * e.standard_error + 0.03 * p);
+    }
 }
 
 TEST(DriveLogs, ALogOfAnotherRobotIsRefused) {

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "temporary_file.hpp"
+#include "tests/tools/ident/temporary_file.hpp"
 #include "tools/ident/findings.hpp"
 //
 #include <CppUTest/TestHarness.h>
