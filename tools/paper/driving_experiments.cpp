@@ -84,7 +84,7 @@ PaperDrive drive_paper_law(const model::RobotParameters& believed, const model::
                            const PaperDriveOptions& options) {
     PaperDrive result;
     PaperRobot robot(believed, truth, options.start);
-    const auto cycles = static_cast<int>(options.duration_s / kCycle_s + 0.5);
+    const auto cycles = static_cast<int>(std::lround(options.duration_s / kCycle_s));
     double squares = 0;
     int judged = 0;
     int backwards = 0;
