@@ -356,7 +356,7 @@ void add_sim(CLI::App& program, Run& run) {
         ->add_option("--rest", options->rest_us,
                      "With --can: microseconds to sleep at least between two looks at the bus; more of them "
                      "spare a slow machine, and frames leave up to so much later")
-        ->check(CLI::Range(0, 1000))
+        ->check(CLI::Range(0, 10'000))
         ->capture_default_str();
     command->add_option("--json", options->json, "Also write the figures to this file");
     command->callback([options, &run] {
