@@ -95,11 +95,10 @@ class TrajectoryTracker {
         const Real v_r = reference.twist.v_m_per_s;
         const Real w_r = reference.twist.omega_rad_per_s;
         const Real pace = std::abs(v_r) + Real(0.1) * std::abs(w_r) + Real(0.05);
-        const Real sine = std::sin(heading);
+        const Bearing bearing = bearing_of(heading);
         Twist<Real> wanted{
-            v_r * std::cos(heading) + settings_.along_gain_per_s * shorten * out.along_m,
-            w_r +
-                settings_.across_gain_per_m2 * v_r * sine_over_angle(heading, sine) * shorten * out.across_m +
+            v_r * bearing.cosine + settings_.along_gain_per_s * shorten * out.along_m,
+            w_r + settings_.across_gain_per_m2 * v_r * bearing.sine_over_angle * shorten * out.across_m +
                 settings_.heading_gain_per_m * pace * heading};
         wanted = scale_jointly(wanted, settings_.speed_m_per_s, settings_.yaw_rate_rad_per_s, out.flags);
         const Twist<Real> before = limiter_.now();
@@ -116,6 +115,23 @@ class TrajectoryTracker {
     }
 
   private:
+    struct Bearing {
+        Real cosine;
+        Real sine_over_angle;
+    };
+
+    // On the path the angle is small, and the series are exact to rounding.
+    static Bearing bearing_of(Real angle_rad) {
+        if (std::abs(angle_rad) > Real(0.25)) {
+            return {std::cos(angle_rad), sine_over_angle(angle_rad, std::sin(angle_rad))};
+        }
+        const Real x = angle_rad * angle_rad;
+        const auto over = [](int n) { return 1 / Real(n); };
+        return {1 - x * over(2) *
+                        (1 - x * over(12) * (1 - x * over(30) * (1 - x * over(56) * (1 - x * over(90))))),
+                1 - x * over(6) * (1 - x * over(20) * (1 - x * over(42) * (1 - x * over(72) * (1 - x * over(110)))))};
+    }
+
     TrackingSettings<Real> settings_;
     TwistRateLimiter<Real> limiter_;
 };

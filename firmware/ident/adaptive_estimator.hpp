@@ -18,7 +18,8 @@
 // larger than white ones would be. They over-cover where sensor noise dominates (coloured_errors.hpp says
 // why).
 //
-// push() spreads a row's work over four cycles: at most about 900 operations in one. No allocation.
+// push() spreads a row's work over the five cycles after it: at most about 1 700 instructions in one. No
+// allocation.
 #pragma once
 
 #include <algorithm>
@@ -128,9 +129,15 @@ class AdaptiveEstimator {
     // After a gap in the samples. What was learned stays.
     void restart() { filter_.restart(); }
 
-    // Once in each cycle. True when estimate() has become new.
-    bool push(const IdentSample<Real>& sample) {
-        if (filter_.push(sample)) begin_row();
+    // Once in each cycle. True when estimate() has become new. `busy`: the cycle has other work to do, so a
+    // row's may wait, for one cycle at a time.
+    bool push(const IdentSample<Real>& sample, bool busy = false) {
+        if (filter_.push(sample)) {
+            begin_row();
+            return false;
+        }
+        waited_ = busy && !waited_;
+        if (waited_) return false;
         switch (work_) {
             case Work::none:
                 return false;
@@ -266,7 +273,8 @@ class AdaptiveEstimator {
         const Real innovation = (y - row.prediction) * weight;
         for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) row.phi[i] *= weight;
         if (hold_rows_ > 0) return;  // the other equation has just found a change
-        const Real deviation = 1 + rls_.prediction_variance(row.phi);
+        const auto projection = rls_.projection(row.phi);
+        const Real deviation = 1 + projection.variance;
         const Real square = innovation * innovation / deviation;
         if (square > options_.gate_sigma * options_.gate_sigma) {
             hold_rows_ = kWindowRows;
@@ -277,7 +285,7 @@ class AdaptiveEstimator {
         for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) any = any || excited_[i];
         if (!any) return;
         Vector gain;
-        const Real scale = rls_.update_gain(row.phi, gain) * innovation;
+        const Real scale = rls_.update_gain(projection, gain) * innovation;
         for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) {
             if (!excited_[i]) continue;
             rls_.set_theta(static_cast<int>(i),
@@ -341,6 +349,7 @@ class AdaptiveEstimator {
     int size_ = static_cast<int>(kFixed);
     int hold_rows_ = 0;
     Work work_ = Work::none;
+    bool waited_ = false;
     DynamicsEstimate<Real> estimate_{};
 };
 

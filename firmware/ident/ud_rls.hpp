@@ -71,10 +71,22 @@ class UdRls {
 
     // The covariance's half of an update. theta would move by gain * (returned scale) * innovation; the
     // caller may apply only part of it (frozen parameters).
-    Real update_gain(const Vector& phi, Vector& gain) {
-        Vector f;
-        Vector v;
-        const Real zeta = project(phi, f, v);
+    Real update_gain(const Vector& phi, Vector& gain) { return update_gain(projection(phi), gain); }
+
+    // What a regressor is to the covariance as it stands: valid until the next change of it.
+    struct Projection {
+        Vector f;       // U^T phi
+        Vector v;       // D f
+        Real variance;  // phi^T P phi, of the prediction
+    };
+    Projection projection(const Vector& phi) const {
+        Projection p;
+        p.variance = project(phi, p.f, p.v);
+        return p;
+    }
+
+    Real update_gain(const Projection& p, Vector& gain) {
+        const Real zeta = p.variance;
         Real weight = 1;
         Real denominator = 1 + zeta;
         Real grow = 1;
@@ -86,16 +98,9 @@ class UdRls {
             // phi without any power renews nothing, hence forgets nothing
             weight = zeta > kNoPower ? lambda_ - (1 - lambda_) / zeta : Real(1);
         }
-        rank_one(f, v, weight, grow, gain);
+        rank_one(p.f, p.v, weight, grow, gain);
         if (bounded_) keep_bounds();
         return 1 / denominator;
-    }
-
-    // phi^T P phi: the variance of the prediction.
-    Real prediction_variance(const Vector& phi) const {
-        Vector f;
-        Vector v;
-        return project(phi, f, v);
     }
 
     // Adds to the variance of parameter i (process noise, or doubt after a detected change).

@@ -34,6 +34,10 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
 
 double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
 
+std::uint16_t narrow(std::uint64_t value) {
+    return static_cast<std::uint16_t>(std::min<std::uint64_t>(value, 0xFFFF));
+}
+
 }  // namespace
 
 Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const CyclePorts& ports)
@@ -77,7 +81,7 @@ void Cycle::think(const CycleTime& time) {
     decide();
     learn();
     guard_torque();
-    fill_report();
+    note_times();
 }
 
 void Cycle::receive() {
@@ -145,7 +149,11 @@ bool Cycle::setpoint_stale() const {
 void Cycle::judge_conditions() {
     const drivers::MotorDrive& left = ports_.left;
     const drivers::MotorDrive& right = ports_.right;
-    const auto either = [&](DriveState state) { return left.state() == state || right.state() == state; };
+    const DriveState left_state = left.state();
+    const DriveState right_state = right.state();
+    const auto either = [&](DriveState state) { return left_state == state || right_state == state; };
+    const drivers::ArmRefusal left_refusal = left.refusal();
+    const drivers::ArmRefusal right_refusal = right.refusal();
     const model::Motion<double>& motion = observer_.motion();
     const auto& safety = parameters_.safety;
     supervisor::Conditions& c = conditions_;
@@ -154,15 +162,19 @@ void Cycle::judge_conditions() {
                        stale(right.feedback().encoder_time_ns, safety.stale_feedback_s);
     if (c.feedback_stale) ++stale_feedback_cycles_;
     c.command_stale = setpoint_stale();
-    c.drive_error = either(DriveState::fault);
+    const auto either_failed = [&](drivers::DriveFault fault) {
+        return left.fault() == fault || right.fault() == fault;
+    };
+    const bool left_by_itself = either_failed(drivers::DriveFault::left_armed);
+    c.drive_error = either(DriveState::fault) && !left_by_itself;
     c.drive_silent = either(DriveState::silent);
-    c.drives_armed = left.state() == DriveState::armed && right.state() == DriveState::armed;
-    c.drive_disarmed_itself = was_armed_ && drives_wanted_ && !c.drives_armed;
+    c.drives_armed = left_state == DriveState::armed && right_state == DriveState::armed;
+    c.drive_disarmed_itself = left_by_itself || (was_armed_ && drives_wanted_ && !c.drives_armed);
     was_armed_ = c.drives_armed;
-    c.arming_refused = drives_wanted_ && (left.refusal() != drivers::ArmRefusal::none ||
-                                          right.refusal() != drivers::ArmRefusal::none);
+    c.arming_refused = drives_wanted_ && (left_refusal != drivers::ArmRefusal::none ||
+                                          right_refusal != drivers::ArmRefusal::none);
     const auto unguarded = drivers::ArmRefusal::watchdog_not_confirmed;
-    c.watchdog_confirmed = left.refusal() != unguarded && right.refusal() != unguarded;
+    c.watchdog_confirmed = left_refusal != unguarded && right_refusal != unguarded;
     c.over_speed = std::abs(motion.twist.v_m_per_s) > safety.over_speed_m_per_s ||
                    std::abs(motion.twist.omega_rad_per_s) > safety.over_yaw_rate_rad_per_s;
     c.stop_line_active =
@@ -315,7 +327,8 @@ void Cycle::learn() {
     if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) return;
     const bool saturated = output_.limits.has(control::Limiter::torque_sum) ||
                            output_.limits.has(control::Limiter::torque_difference);
-    if (learning_.adapt(sample_, !saturated)) {
+    const bool busy = host_.events().external_pose;  // fusing it is the other long calculation
+    if (learning_.adapt(sample_, !saturated, busy)) {
         control_.change_model(learning_.adapted(control_.plant()), observer_.motion());
     }
 }
@@ -341,8 +354,10 @@ void Cycle::send(std::int64_t) {
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
     for (const hal::CanFrame& frame : outbox_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
 
+    const Telemetry::Turn turn = telemetry_.next(cycle_);
+    if (turn.due && !turn.reply) fill(turn.part, report_);
     hal::CanFrame frame;
-    if (telemetry_.next(cycle_, report_, frame)) {
+    if (telemetry_.build(turn, report_, frame)) {
         if (ports_.host_bus != nullptr) {
             transmit(*ports_.host_bus, frame, host_meter_);
         } else {
@@ -363,9 +378,80 @@ void Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& met
     }
 }
 
-void Cycle::fill_report() {
-    CycleReport& r = report_;
-    protocol::Status& s = r.status;
+void Cycle::note_times() {
+    longest_wake_ns_ = std::max(longest_wake_ns_, time_.woken_ns - time_.scheduled_ns);
+    longest_execution_ns_ = std::max(longest_execution_ns_, time_.last_execution_ns);
+}
+
+CycleReport Cycle::report() const {
+    CycleReport report;
+    for (std::size_t part = 0; part < kReportParts; ++part) fill(static_cast<ReportPart>(part), report);
+    return report;
+}
+
+void Cycle::fill(ReportPart part, CycleReport& r) const {
+    const ident::DynamicsEstimate<double>& estimate = learning_.estimate();
+    switch (part) {
+        case ReportPart::status:
+            fill_status(r.status);
+            break;
+        case ReportPart::motion: {
+            const model::Motion<double>& motion = observer_.motion();
+            r.wheel_speed_rad_per_s = motion.wheel_speed_rad_per_s;
+            r.torque_Nm = output_.torque_Nm;
+            r.pose = odometry_.pose();
+            r.twist = motion.twist;
+            r.reference = output_.reference;
+            r.tracking_error = output_.tracking_error;
+            break;
+        }
+        case ReportPart::estimate:
+            r.estimate = estimate.dynamics;
+            r.standard_error = estimate.standard_error;
+            r.covariance = estimate.covariance_diagonal;
+            break;
+        case ReportPart::effects:
+            r.effect_count = 0;
+            for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+                if (!estimate.effects.active[i]) continue;
+                for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
+                    r.effects[r.effect_count++] = {model::effect_index(i, j),
+                                                   estimate.effects.parameter[i][j],
+                                                   estimate.effects_standard_error.parameter[i][j]};
+                }
+            }
+            break;
+        case ReportPart::ident:
+            r.ident = learning_.status();
+            break;
+        case ReportPart::timing:
+            r.timing.wake_latency_last_us = microseconds(time_.woken_ns - time_.scheduled_ns);
+            r.timing.wake_latency_max_us = microseconds(longest_wake_ns_);
+            r.timing.execution_max_us = microseconds(longest_execution_ns_);
+            r.timing.missed_cycles = narrow(overrun_.total());
+            break;
+        case ReportPart::bus_load:
+            r.bus_load.drive_bus_load_percent = 100 * drive_meter_.load();
+            r.bus_load.host_bus_load_percent = 100 * host_meter_.load();
+            r.bus_load.telemetry_deferred = narrow(telemetry_.deferred());
+            r.bus_load.receive_overflow = narrow(ports_.drive_bus.statistics().receive_overflow);
+            r.bus_load.send_refused = narrow(send_refused_);
+            break;
+        case ReportPart::design: {
+            const auto& design = control_.design().result();
+            r.design.proportional_gain_per_s = design.gains.kp_per_s;
+            r.design.integral_gain_per_s2 = design.gains.ki_per_s2;
+            r.design.phase_margin_deg = design.phase_margin_deg;
+            r.design.sensitivity_peak = design.sensitivity_peak;
+            break;
+        }
+        case ReportPart::counters:
+            fill_counters(r);
+            break;
+    }
+}
+
+void Cycle::fill_status(protocol::Status& s) const {
     const control::LimiterFlags& limits = output_.limits;
     s.state = supervisor_.mode();
     s.requested = supervisor_.requested();
@@ -395,63 +481,23 @@ void Cycle::fill_report() {
     s.excited = learning_.excited();
     s.pose_fixed = odometry_.localised();
     s.goal_reached = output_.goal_reached;
+}
 
-    const model::Motion<double>& motion = observer_.motion();
-    r.wheel_speed_rad_per_s = motion.wheel_speed_rad_per_s;
-    r.torque_Nm = output_.torque_Nm;
-    r.pose = odometry_.pose();
-    r.twist = motion.twist;
-    r.reference = output_.reference;
-    r.tracking_error = output_.tracking_error;
-
-    const ident::DynamicsEstimate<double>& estimate = learning_.estimate();
-    r.estimate = estimate.dynamics;
-    r.standard_error = estimate.standard_error;
-    r.covariance = estimate.covariance_diagonal;
-    r.effect_count = 0;
-    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        if (!estimate.effects.active[i]) continue;
-        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
-            r.effects[r.effect_count++] = {model::effect_index(i, j), estimate.effects.parameter[i][j],
-                                           estimate.effects_standard_error.parameter[i][j]};
-        }
-    }
-    r.ident = learning_.status();
-
-    const std::int64_t wake_ns = time_.woken_ns - time_.scheduled_ns;
-    longest_wake_ns_ = std::max(longest_wake_ns_, wake_ns);
-    longest_execution_ns_ = std::max(longest_execution_ns_, time_.last_execution_ns);
-    r.timing.wake_latency_last_us = microseconds(wake_ns);
-    r.timing.wake_latency_max_us = microseconds(longest_wake_ns_);
-    r.timing.execution_max_us = microseconds(longest_execution_ns_);
-    r.timing.missed_cycles = static_cast<std::uint16_t>(std::min<std::uint64_t>(overrun_.total(), 0xFFFF));
-
-    const hal::CanStatistics statistics = ports_.drive_bus.statistics();
-    const auto narrow = [](std::uint64_t value) {
-        return static_cast<std::uint16_t>(std::min<std::uint64_t>(value, 0xFFFF));
-    };
-    r.bus_load.drive_bus_load_percent = 100 * drive_meter_.load();
-    r.bus_load.host_bus_load_percent = 100 * host_meter_.load();
-    r.bus_load.telemetry_deferred = narrow(telemetry_.deferred());
-    r.bus_load.receive_overflow = narrow(statistics.receive_overflow);
-    r.bus_load.send_refused = narrow(send_refused_);
-
-    const auto& design = control_.design().result();
-    r.design.proportional_gain_per_s = design.gains.kp_per_s;
-    r.design.integral_gain_per_s2 = design.gains.ki_per_s2;
-    r.design.phase_margin_deg = design.phase_margin_deg;
-    r.design.sensitivity_peak = design.sensitivity_peak;
-
+// The host's commands count on their own; the rest is counted elsewhere.
+void Cycle::fill_counters(CycleReport& r) const {
     using Cause = HostLink::Cause;
-    host_.set_counter(Cause::missed_cycles, static_cast<std::uint32_t>(overrun_.total()));
-    host_.set_counter(Cause::telemetry_deferred, telemetry_.deferred());
-    host_.set_counter(Cause::send_refused,
-                      send_refused_ + outbox_.lost() + torques_.lost() + telemetry_.replies_lost());
-    host_.set_counter(Cause::receive_overflow, static_cast<std::uint32_t>(statistics.receive_overflow));
-    host_.set_counter(Cause::bus_error_frames, static_cast<std::uint32_t>(statistics.error_frames));
-    host_.set_counter(Cause::bus_off, static_cast<std::uint32_t>(statistics.bus_off));
-    host_.set_counter(Cause::stale_feedback_cycles, stale_feedback_cycles_);
     for (std::size_t i = 0; i < r.counters.size(); ++i) r.counters[i] = host_.counter(static_cast<Cause>(i));
+    const hal::CanStatistics statistics = ports_.drive_bus.statistics();
+    const auto put = [&r](Cause cause, std::uint64_t value) {
+        r.counters[std::size_t(cause)] = static_cast<std::uint32_t>(value);
+    };
+    put(Cause::missed_cycles, overrun_.total());
+    put(Cause::telemetry_deferred, telemetry_.deferred());
+    put(Cause::send_refused, send_refused_ + outbox_.lost() + torques_.lost() + telemetry_.replies_lost());
+    put(Cause::receive_overflow, statistics.receive_overflow + host_.counter(Cause::receive_overflow));
+    put(Cause::bus_error_frames, statistics.error_frames);
+    put(Cause::bus_off, statistics.bus_off);
+    put(Cause::stale_feedback_cycles, stale_feedback_cycles_);
 }
 
 }  // namespace wheelwright::task

@@ -79,7 +79,7 @@ class Cycle {
     bool finished() const { return finished_; }
 
     // For tools that run the firmware in process, and for tests. Valid between cycles.
-    const CycleReport& report() const { return report_; }
+    CycleReport report() const;  // all parts
     const supervisor::Supervisor& supervisor() const { return supervisor_; }
     const MotionControl& control() const { return control_; }
     const Learning& learning() const { return learning_; }
@@ -99,7 +99,11 @@ class Cycle {
     void decide();
     void learn();
     void guard_torque();
-    void fill_report();
+    void note_times();
+
+    void fill(ReportPart part, CycleReport& report) const;
+    void fill_status(protocol::Status& status) const;
+    void fill_counters(CycleReport& report) const;
 
     void drain(hal::CanBus& bus, bool from_host, bool from_drives);
     void transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);

@@ -76,7 +76,6 @@ class HostLink {
     void forget_setpoints();
 
     void count(Cause cause, std::uint32_t amount = 1) { counters_[std::size_t(cause)] += amount; }
-    void set_counter(Cause cause, std::uint32_t value) { counters_[std::size_t(cause)] = value; }
     std::uint32_t counter(Cause cause) const { return counters_[std::size_t(cause)]; }
 
   private:

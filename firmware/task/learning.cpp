@@ -99,8 +99,8 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
     adapting_ = true;
 }
 
-bool Learning::adapt(const Sample& sample, bool may_adapt) {
-    adaptive_.push(sample);
+bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
+    adaptive_.push(sample, busy);
     return guard_.update(adaptive_.estimate(), may_adapt);
 }
 

@@ -38,8 +38,9 @@ class Learning {
     void record(ParameterService& service, model::RobotParameters& live) const;
 
     void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant);
-    // True when adapted() differs from before. `may_adapt`: nothing forbids it (saturation, slip).
-    bool adapt(const Sample& sample, bool may_adapt);
+    // True when adapted() differs from before. `may_adapt`: nothing forbids it (saturation, slip). `busy`:
+    // what can wait for a cycle shall.
+    bool adapt(const Sample& sample, bool may_adapt, bool busy);
     control::PlantModel<double> adapted(const control::PlantModel<double>& plant) const;
     bool adaptation_frozen() const;
 

@@ -1,5 +1,7 @@
 #include "firmware/task/telemetry.hpp"
 
+#include <algorithm>
+
 #include "firmware/protocol/command_guard.hpp"
 
 namespace wheelwright::task {
@@ -27,6 +29,35 @@ constexpr std::array<Period, sizeof...(Messages)> periods() {
     return {Period{Messages::id, Messages::cycle_time_ms}...};
 }
 
+ReportPart part_of(std::uint32_t id) {
+    switch (id) {
+        case protocol::Status::id:
+            return ReportPart::status;
+        case protocol::Counters::id:
+            return ReportPart::counters;
+        case protocol::EstimateK5K7::id:
+        case protocol::EstimateK6K8::id:
+        case protocol::StandardErrorK5K7::id:
+        case protocol::StandardErrorK6K8::id:
+        case protocol::CovarianceK5K7::id:
+        case protocol::CovarianceK6K8::id:
+            return ReportPart::estimate;
+        case protocol::EffectEstimate::id:
+        case protocol::EffectStandardError::id:
+            return ReportPart::effects;
+        case protocol::IdentStatus::id:
+            return ReportPart::ident;
+        case protocol::Timing::id:
+            return ReportPart::timing;
+        case protocol::BusLoad::id:
+            return ReportPart::bus_load;
+        case protocol::LoopDesign::id:
+            return ReportPart::design;
+        default:
+            return ReportPart::motion;
+    }
+}
+
 }  // namespace
 
 Telemetry::Telemetry() : slots_{} {
@@ -38,7 +69,7 @@ Telemetry::Telemetry() : slots_{} {
     static_assert(kPeriods.size() == kSlots);
     // Spread over the shortest period, so that the frames of one period do not fall due together.
     for (std::size_t i = 0; i < kSlots; ++i) {
-        slots_[i] = {kPeriods[i].id, kPeriods[i].period_ms, i};
+        slots_[i] = {kPeriods[i].id, kPeriods[i].period_ms, i, part_of(kPeriods[i].id)};
     }
 }
 
@@ -51,27 +82,38 @@ void Telemetry::reply(const protocol::ParameterReply& reply) {
     ++reply_count_;
 }
 
-bool Telemetry::next(std::uint64_t cycle, const CycleReport& report, Frame& out) {
-    if (reply_count_ > 0) {
-        const protocol::ParameterReply reply = replies_[reply_head_];
-        reply_head_ = (reply_head_ + 1) % replies_.size();
-        --reply_count_;
-        return put(reply, out);
+Telemetry::Turn Telemetry::next(std::uint64_t cycle) {
+    if (reply_count_ > 0) return {true, true, protocol::ParameterReply::id, {}};
+    if (cycle < first_due_) return {};
+    Slot* latest = &slots_[0];
+    std::uint64_t second_due = ~std::uint64_t{0};
+    for (std::size_t i = 1; i < kSlots; ++i) {
+        if (slots_[i].due < latest->due) {
+            second_due = latest->due;
+            latest = &slots_[i];
+        } else if (slots_[i].due < second_due) {
+            second_due = slots_[i].due;
+        }
     }
-    Slot* latest = nullptr;
-    for (Slot& slot : slots_) {
-        if (slot.due <= cycle && (latest == nullptr || slot.due < latest->due)) latest = &slot;
-    }
-    if (latest == nullptr) return false;
     if (cycle - latest->due > latest->period_cycles) {
         ++deferred_;
         latest->due = cycle;
     }
     latest->due += latest->period_cycles;
-    return build(latest->id, report, out);
+    first_due_ = std::min(latest->due, second_due);
+    return {true, false, latest->id, latest->part};
 }
 
-bool Telemetry::build(std::uint32_t id, const CycleReport& r, Frame& out) {
+bool Telemetry::build(const Turn& turn, const CycleReport& report, Frame& out) {
+    if (!turn.due) return false;
+    if (!turn.reply) return build_message(turn.id, report, out);
+    const protocol::ParameterReply reply = replies_[reply_head_];
+    reply_head_ = (reply_head_ + 1) % replies_.size();
+    --reply_count_;
+    return put(reply, out);
+}
+
+bool Telemetry::build_message(std::uint32_t id, const CycleReport& r, Frame& out) {
     switch (id) {
         case protocol::Status::id: {
             protocol::Status status = r.status;

@@ -25,7 +25,20 @@ struct EffectReport {
     double standard_error = 0;
 };
 
-// A snapshot of one cycle: all that telemetry speaks of.
+// A snapshot of one cycle: all that telemetry speaks of. Its parts are filled in when they are wanted.
+enum class ReportPart : std::uint8_t {
+    status,
+    motion,  // wheels, pose, twist, reference, tracking error
+    estimate,
+    effects,
+    ident,
+    timing,
+    bus_load,
+    design,
+    counters,
+};
+inline constexpr std::size_t kReportParts = 9;
+
 struct CycleReport {
     protocol::Status status;
     WheelPair<double> wheel_speed_rad_per_s;
@@ -54,9 +67,17 @@ class Telemetry {
 
     void reply(const protocol::ParameterReply& reply);
 
-    // Fills `out` with the frame to send in this cycle; false: none is due. `cycle` counts up by one in each
-    // call.
-    bool next(std::uint64_t cycle, const CycleReport& report, Frame& out);
+    // What is to be sent in a cycle. The number of the cycle counts up by one in each call of next().
+    struct Turn {
+        bool due = false;
+        bool reply = false;    // a parameter reply, for which no part of the report is needed
+        std::uint32_t id = 0;  // else of this message,
+        ReportPart part{};     // which needs this part
+    };
+    Turn next(std::uint64_t cycle);
+
+    // Fills `out` with the frame of that turn; false: there is nothing to tell.
+    bool build(const Turn& turn, const CycleReport& report, Frame& out);
 
     std::uint32_t deferred() const { return deferred_; }
     std::uint32_t replies_lost() const { return replies_lost_; }
@@ -66,12 +87,14 @@ class Telemetry {
         std::uint32_t id;
         std::uint32_t period_cycles;
         std::uint64_t due;
+        ReportPart part;
     };
     static constexpr std::size_t kSlots = 18;
 
-    bool build(std::uint32_t id, const CycleReport& report, Frame& out);
+    bool build_message(std::uint32_t id, const CycleReport& report, Frame& out);
 
     std::array<Slot, kSlots> slots_;
+    std::uint64_t first_due_ = 0;  // of all slots
     std::array<protocol::ParameterReply, 16> replies_{};
     std::size_t reply_head_ = 0;
     std::size_t reply_count_ = 0;
