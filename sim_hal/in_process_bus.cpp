@@ -115,6 +115,7 @@ bool InProcessBus::Endpoint::set_filters(std::span<const hal::CanFilter> filters
     }
     bus_->catch_up();  // frames that ended before were judged by the old set
     accept_all_ = false;
+    bus_->deaf_ = filters.empty() ? bus_->deaf_ | bit_ : bus_->deaf_ & ~bit_;
     accepted_standard_.fill(0);
     extended_filter_count_ = 0;
     for (const hal::CanFilter& filter : filters) {
@@ -287,7 +288,7 @@ void InProcessBus::finish() {
     totals_.busy_ns += free_ns_ - start_ns_;
     Endpoint& from = endpoints_[sender_];
     hal::CanFrame& frame = from.transmit_[from.transmit_first_];
-    std::uint32_t receivers = active_ & ~from.bit_;
+    std::uint32_t receivers = active_ & ~from.bit_ & ~deaf_;
     if (fate_ != Fate::pass) {
         if (fate_ == Fate::destroy) {
             destroy(from);
@@ -348,6 +349,23 @@ std::int64_t InProcessBus::next_event_ns() {
         plan();
     }
     return end_ns_;
+}
+
+std::int64_t InProcessBus::next_arrival_ns(const Endpoint& endpoint) {
+    std::int64_t arrival_ns = next_event_ns();
+    if (arrival_ns != never_ns && &endpoints_[sender_] == &endpoint) {
+        // After its own frame the wire goes to another one of those that wait, at the earliest.
+        const bool alone = waiting_ == endpoint.bit_ && endpoint.transmit_count_ == 1;
+        const std::int64_t shortest_ns = fd_ ? 0 : classic_ns_[0][0];
+        const bool may_fail = fault_count_ != 0 || fate_ == Fate::destroy;  // and come back as an error
+        arrival_ns = may_fail ? end_ns_ : alone ? never_ns : end_ns_ + interframe_ns_ + shortest_ns;
+    }
+    // A frame that waits although its time has come is one that a failed endpoint holds back.
+    if (endpoint.receive_count_ != 0) {
+        const std::int64_t waiting_ns = endpoint.receive_[endpoint.receive_first_].available_ns;
+        if (waiting_ns > now_ns_) arrival_ns = std::min(arrival_ns, waiting_ns);
+    }
+    return arrival_ns;
 }
 
 std::int64_t InProcessBus::wire_time_ns(const hal::CanFrame& frame) const {

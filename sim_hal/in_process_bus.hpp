@@ -172,6 +172,12 @@ class InProcessBus {
     // receivers look, is to see each frame at its moment (add next_receive_ns() where a latency is set).
     std::int64_t next_event_ns();
 
+    // Not after the moment at which receive() of this endpoint (of this bus) may next give something, as the
+    // queues stand now; never_ns when it gives nothing until somebody sends. Later than the clock's time. The
+    // frames that the endpoint sends itself are passed over, which makes this cheaper to follow than
+    // next_event_ns().
+    std::int64_t next_arrival_ns(const Endpoint& endpoint);
+
     // Wire time of a frame from its start to its last end-of-frame bit; the wire is then kept free for three
     // more bits.
     std::int64_t wire_time_ns(const hal::CanFrame& frame) const;
@@ -233,6 +239,7 @@ class InProcessBus {
     std::size_t sender_ = 0;
     std::uint32_t waiting_ = 0;  // set of endpoints with frames to send
     std::uint32_t active_ = 0;   // set of endpoints that take part: up, and not bus-off
+    std::uint32_t deaf_ = 0;     // set of endpoints whose filters accept nothing
     std::array<std::uint32_t, max_endpoints> head_key_{};  // arbitration field of each first frame
 
     std::size_t endpoint_count_;

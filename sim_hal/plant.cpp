@@ -265,7 +265,8 @@ double Plant::step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut
     advance_pose(moved.v_m_per_s, moved.omega_rad_per_s);
     speed_ = speed;
     twist_ = twist_of(speed);
-    torques_ = {torque_Nm, smooth, dry_torque_Nm()};
+    motor_Nm_ = torque_Nm;
+    smooth_Nm_ = smooth;
     return dt_s;
 }
 

@@ -88,7 +88,7 @@ class Plant {
     const Twist<double>& twist() const { return twist_; }
     const WheelPair<double>& wheel_speed_rad_per_s() const { return speed_; }
     const WheelPair<double>& wheel_angle_rad() const { return angle_; }
-    const PlantTorques& torques() const { return torques_; }
+    PlantTorques torques() const { return {motor_Nm_, smooth_Nm_, dry_torque_Nm()}; }
     bool at_rest() const { return speed_.left == 0 && speed_.right == 0; }
     double kinetic_energy_J() const;
 
@@ -104,8 +104,9 @@ class Plant {
         double lambda_Nm = 0;   // the solution of the last step
     };
 
-    WheelPair<double> acceleration(const WheelPair<double>& speed, const WheelPair<double>& torque_Nm,
-                                   WheelPair<double>& smooth_Nm) const;
+    [[gnu::always_inline]] inline WheelPair<double> acceleration(const WheelPair<double>& speed,
+                                                                 const WheelPair<double>& torque_Nm,
+                                                                 WheelPair<double>& smooth_Nm) const;
     double step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut);
     bool step_sliding(double dt_s, const WheelPair<double>& torque_Nm, WheelPair<double>& speed,
                       WheelPair<double>& smooth_Nm);
@@ -129,7 +130,8 @@ class Plant {
     Pose<double> pose_;
     double heading_cosine_ = 1;
     double heading_sine_ = 0;
-    PlantTorques torques_;
+    WheelPair<double> motor_Nm_;
+    WheelPair<double> smooth_Nm_;
 };
 
 }  // namespace wheelwright::sim

@@ -84,6 +84,7 @@ void SimOdrive::receive(const hal::CanFrame& frame, std::int64_t now_ns, drivers
         receive_request(command, out);
     } else {
         receive_command(frame, command, now_ns, out);
+        retarget();
     }
 }
 
@@ -213,6 +214,7 @@ void SimOdrive::leave_closed_loop() {
     arming_done_ns_ = 0;
     motor_torque_Nm_ = 0;
     extra_wheel_Nm_ = 0;
+    retarget();
 }
 
 void SimOdrive::raise_error(std::uint32_t bits) {
@@ -250,6 +252,7 @@ void SimOdrive::run_event(double wheel_angle_rad, double wheel_speed_rad_per_s, 
         tick_ns_ += whole_ns;
         tick_ps_ -= whole_ns * 1000;
     }
+    retarget();
     schedule();
 }
 
@@ -341,11 +344,11 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
     last_speed_ = speed;
 }
 
-double SimOdrive::motor_target_Nm() const {
-    if (!armed() || control_mode_ != kTorqueControl) return 0;
-    if (input_mode_ != kPassthrough && input_mode_ != kTorqueRamp) return 0;
+void SimOdrive::retarget() {
+    const bool passes = input_mode_ == kPassthrough || input_mode_ == kTorqueRamp;
     const double limit = config_.current_limit_A * config_.torque_constant_Nm_per_A;
-    return std::clamp(input_torque_Nm_, -limit, limit);
+    const bool acts = armed() && control_mode_ == kTorqueControl && passes;
+    target_Nm_ = acts ? std::clamp(input_torque_Nm_, -limit, limit) : 0;
 }
 
 double SimOdrive::torque_target_Nm() const { return wheel_per_motor_torque_ * motor_target_Nm(); }
@@ -359,10 +362,9 @@ SimOdrive::LagStep SimOdrive::lag_step(double dt_s, double lag_s) {
 
 double SimOdrive::advance_torque(const LagStep& lag) {
     if (!armed()) return 0;
-    const double target = motor_target_Nm();
-    const double lacking = motor_torque_Nm_ - target;
-    motor_torque_Nm_ = target + lacking * lag.end;
-    return wheel_per_motor_torque_ * (target + lacking * lag.mean) + extra_wheel_Nm_;
+    const double lacking = motor_torque_Nm_ - target_Nm_;
+    motor_torque_Nm_ = target_Nm_ + lacking * lag.end;
+    return wheel_per_motor_torque_ * (target_Nm_ + lacking * lag.mean) + extra_wheel_Nm_;
 }
 
 void SimOdrive::send_cyclic(drivers::FrameSink& out) const {

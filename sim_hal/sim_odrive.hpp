@@ -83,6 +83,9 @@ class SimOdrive {
     // When the drive next does something by itself: its millisecond, or a set-point taking effect.
     std::int64_t next_event_ns() const { return next_event_ns_; }
 
+    // The next of those events that needs the wheel's motion.
+    std::int64_t next_look_ns() const { return tick_ns_; }
+
     // Does it. To be called exactly at next_event_ns(), with the wheel's true motion then.
     void run_event(double wheel_angle_rad, double wheel_speed_rad_per_s, drivers::FrameSink& out);
 
@@ -140,7 +143,8 @@ class SimOdrive {
     void send_torque(drivers::FrameSink& out) const;
     void send_iq(drivers::FrameSink& out) const;
     void send_voltage(drivers::FrameSink& out) const;
-    double motor_target_Nm() const;
+    double motor_target_Nm() const { return target_Nm_; }
+    void retarget();
     void schedule();
 
     SimOdriveConfig config_;
@@ -158,6 +162,7 @@ class SimOdrive {
 
     // Torque, at the motor.
     double input_torque_Nm_ = 0;
+    double target_Nm_ = 0;        // what input, mode and limit come to; retarget() after each change of them
     double motor_torque_Nm_ = 0;  // behind the lag
     double extra_wheel_Nm_ = 0;   // noise and ripple for this millisecond, at the wheel
     std::array<Pending, 8> pending_{};

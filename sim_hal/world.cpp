@@ -47,6 +47,8 @@ World::World(const model::RobotParameters& truth, const WorldOptions& options, h
               SimOdrive(sim_odrive_config(truth, options, 1), options.start_ns)},
       random_(options.seed, 3),
       now_ns_(options.start_ns),
+      torque_ns_(options.start_ns),
+      reached_ns_(options.start_ns),
       next_pose_ns_(InProcessBus::never_ns) {
     if (options.external_pose_rate_Hz > 0) {
         pose_period_ns_ = static_cast<std::int64_t>(1e9 / options.external_pose_rate_Hz + 0.5);
@@ -66,15 +68,36 @@ std::int64_t World::next_event_ns() const {
     return std::min({drives_[0].next_event_ns(), drives_[1].next_event_ns(), next_pose_ns_});
 }
 
+// A set-point that takes effect changes the torque and nothing else, so the body need not stop there: it goes
+// on in one step with the mean torque. (The speed at the step's end is the same; the angle differs by the
+// impulse's lever in time, some 1e-8 rad.)
+void World::move_torque_to(std::int64_t until_ns) {
+    if (until_ns <= torque_ns_) return;
+    const double dt_s = static_cast<double>(until_ns - torque_ns_) * 1e-9;
+    const SimOdrive::LagStep lag = SimOdrive::lag_step(dt_s, options_.torque_lag_s);
+    impulse_Nm_s_.left += dt_s * drives_[0].advance_torque(lag);
+    impulse_Nm_s_.right += dt_s * drives_[1].advance_torque(lag);
+    torque_ns_ = until_ns;
+}
+
 void World::move_body_to(std::int64_t until_ns) {
+    until_ns = std::max(until_ns, torque_ns_);
     while (now_ns_ < until_ns) {
         const std::int64_t step_ns = std::min(until_ns - now_ns_, kLongestStep_ns);
         const double dt_s = static_cast<double>(step_ns) * 1e-9;
-        const SimOdrive::LagStep lag = SimOdrive::lag_step(dt_s, options_.torque_lag_s);
-        const double left_Nm = drives_[0].advance_torque(lag);
-        const double right_Nm = drives_[1].advance_torque(lag);
-        plant_.advance(dt_s, {left_Nm, right_Nm});
+        if (torque_ns_ == now_ns_) {  // mostly
+            const SimOdrive::LagStep lag = SimOdrive::lag_step(dt_s, options_.torque_lag_s);
+            const double left_Nm = drives_[0].advance_torque(lag);
+            const double right_Nm = drives_[1].advance_torque(lag);
+            plant_.advance(dt_s, {left_Nm, right_Nm});
+        } else {
+            move_torque_to(now_ns_ + step_ns);
+            const double per_s = 1 / dt_s;
+            plant_.advance(dt_s, {impulse_Nm_s_.left * per_s, impulse_Nm_s_.right * per_s});
+            impulse_Nm_s_ = {};
+        }
         now_ns_ += step_ns;
+        torque_ns_ = now_ns_;
         ++totals_.plant_steps;
     }
 }
@@ -83,8 +106,14 @@ void World::move_body_to(std::int64_t until_ns) {
 void World::run_events_to(std::int64_t until_ns, std::int64_t now_ns) {
     for (;;) {
         const std::int64_t next_ns = next_event_ns();
-        if (next_ns > until_ns) return;
-        move_body_to(next_ns);
+        if (next_ns > until_ns) break;
+        const bool looks = next_pose_ns_ == next_ns || drives_[0].next_look_ns() == next_ns ||
+                           drives_[1].next_look_ns() == next_ns;
+        if (looks || next_ns - now_ns_ > kLongestStep_ns) {
+            move_body_to(next_ns);
+        } else {
+            move_torque_to(next_ns);
+        }
         port_.late = now_ns - next_ns > kOverdue_ns;
         if (drives_[0].next_event_ns() == next_ns) {
             drives_[0].run_event(plant_.wheel_angle_rad().left, plant_.wheel_speed_rad_per_s().left, port_);
@@ -94,6 +123,7 @@ void World::run_events_to(std::int64_t until_ns, std::int64_t now_ns) {
         }
         if (next_pose_ns_ == next_ns) sample_external_pose();
     }
+    reached_ns_ = std::max(reached_ns_, until_ns);
 }
 
 void World::deliver(const hal::CanFrame& frame, std::int64_t time_ns) {
@@ -113,7 +143,8 @@ void World::pump_events(std::int64_t now_ns) {
     hal::ReceivedFrame received;
     while (bus_.receive(received) == hal::CanStatus::ok) {
         if (received.frame.error) continue;
-        const std::int64_t time_ns = std::clamp(received.timestamp_ns, now_ns_, std::max(now_ns, now_ns_));
+        const std::int64_t time_ns =
+            std::clamp(received.timestamp_ns, reached_ns_, std::max(now_ns, reached_ns_));
         run_events_to(time_ns, now_ns);
         deliver(received.frame, time_ns);
     }
@@ -149,7 +180,7 @@ void World::sample_external_pose() {
 }
 
 bool World::take_external_pose(ExternalPose& out) {
-    if (pose_count_ == 0 || poses_[pose_first_].ready_time_ns > now_ns_) return false;
+    if (pose_count_ == 0 || poses_[pose_first_].ready_time_ns > reached_ns_) return false;
     out = poses_[pose_first_];
     pose_first_ = (pose_first_ + 1) % poses_.size();
     --pose_count_;
@@ -159,10 +190,7 @@ bool World::take_external_pose(ExternalPose& out) {
 void VirtualRobot::run_until(std::int64_t deadline_ns) {
     world_.pump_events(clock_.now_ns());
     for (;;) {
-        // A frame still there after a pump is one that a failed endpoint holds back.
-        std::int64_t bus_ns = bus_.next_event_ns();
-        const std::int64_t receive_ns = endpoint_.next_receive_ns();
-        if (receive_ns > clock_.now_ns()) bus_ns = std::min(bus_ns, receive_ns);
+        const std::int64_t bus_ns = bus_.next_arrival_ns(endpoint_);
         const std::int64_t world_ns = world_.next_event_ns();
         if (std::min(bus_ns, world_ns) > deadline_ns) break;
         if (bus_ns <= world_ns) {
@@ -174,7 +202,7 @@ void VirtualRobot::run_until(std::int64_t deadline_ns) {
         }
     }
     clock_.advance_to(deadline_ns);
-    world_.pump(deadline_ns);
+    if (body_ == Body::at_wake_up) world_.advance_to(deadline_ns);
 }
 
 }  // namespace wheelwright::sim

@@ -88,7 +88,8 @@ class World {
     // When the robot next does something by itself.
     std::int64_t next_event_ns() const;
 
-    // The time of the body's state.
+    // The time of the body's state. After pump_events() and run_events() it may be a while ago: advance_to()
+    // brings it up.
     std::int64_t now_ns() const { return now_ns_; }
 
     // The oldest pose that is ready and not taken yet; false when there is none.
@@ -122,6 +123,7 @@ class World {
     };
 
     void run_events_to(std::int64_t until_ns, std::int64_t now_ns);
+    void move_torque_to(std::int64_t until_ns);
     void move_body_to(std::int64_t until_ns);
     void deliver(const hal::CanFrame& frame, std::int64_t time_ns);
     void sample_external_pose();
@@ -133,7 +135,10 @@ class World {
     Plant plant_;
     std::array<SimOdrive, 2> drives_;
     Random random_;
-    std::int64_t now_ns_;
+    std::int64_t now_ns_;               // of the body
+    std::int64_t torque_ns_;            // of the drives' torques
+    std::int64_t reached_ns_;           // all events up to here have happened
+    WheelPair<double> impulse_Nm_s_{};  // of the torques between the two
     std::int64_t pose_period_ns_ = 0;
     std::int64_t next_pose_ns_;
     std::array<ExternalPose, 16> poses_{};
@@ -149,8 +154,13 @@ SimOdriveConfig sim_odrive_config(const model::RobotParameters& truth, const Wor
 // drive acts at its own moment. The world's endpoint must be one of `bus`; more buses need no stepping.
 class VirtualRobot final : public VirtualClock::Sleeper {
   public:
-    VirtualRobot(VirtualClock& clock, InProcessBus& bus, InProcessBus::Endpoint& endpoint, World& world)
-        : clock_(clock), bus_(bus), endpoint_(endpoint), world_(world) {
+    // Where the body is when a sleeper wakes: at that time, or at the robot's last event, which is cheaper
+    // for who calls World::advance_to() before looking.
+    enum class Body : std::uint8_t { at_wake_up, at_last_event };
+
+    VirtualRobot(VirtualClock& clock, InProcessBus& bus, InProcessBus::Endpoint& endpoint, World& world,
+                 Body body = Body::at_wake_up)
+        : clock_(clock), bus_(bus), endpoint_(endpoint), world_(world), body_(body) {
         clock_.set_sleeper(this);
     }
     ~VirtualRobot() override { clock_.set_sleeper(nullptr); }
@@ -164,6 +174,7 @@ class VirtualRobot final : public VirtualClock::Sleeper {
     InProcessBus& bus_;
     InProcessBus::Endpoint& endpoint_;
     World& world_;
+    Body body_;
 };
 
 }  // namespace wheelwright::sim

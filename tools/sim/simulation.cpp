@@ -231,7 +231,8 @@ class Simulation::VirtualMachine final : public Machine {
         return second_ == nullptr ? bus_.endpoint(kHost) : second_->endpoint(1);
     }
     void attach(sim::World& world) override {
-        robot_ = std::make_unique<sim::VirtualRobot>(clock_, bus_, bus_.endpoint(kRobot), world);
+        robot_ = std::make_unique<sim::VirtualRobot>(clock_, bus_, bus_.endpoint(kRobot), world,
+                                                     sim::VirtualRobot::Body::at_last_event);
     }
     void log_to(Log& log);
     void catch_up() {
@@ -345,6 +346,7 @@ void Simulation::step() {
     clock.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
     cycle_->send(clock.now_ns());
     schedule_.end(0);
+    if (virtual_ != nullptr) world_->advance_to(clock.now_ns());  // for the judge
 }
 
 void Simulation::run_for(double duration_s, const std::function<void()>& each) {
