@@ -32,7 +32,7 @@ bool is_due(std::uint32_t tick, std::int32_t period, std::uint32_t phase) {
     return period > 0 && tick % static_cast<std::uint32_t>(period) == phase;
 }
 
-std::int64_t to_ns(double seconds) { return static_cast<std::int64_t>(seconds * 1e9 + 0.5); }
+std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
 
 }  // namespace
 

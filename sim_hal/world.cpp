@@ -1,5 +1,7 @@
 #include "sim_hal/world.hpp"
 
+#include <cmath>
+
 #include <algorithm>
 
 namespace wheelwright::sim {
@@ -51,7 +53,7 @@ World::World(const model::RobotParameters& truth, const WorldOptions& options, h
       reached_ns_(options.start_ns),
       next_pose_ns_(InProcessBus::never_ns) {
     if (options.external_pose_rate_Hz > 0) {
-        pose_period_ns_ = static_cast<std::int64_t>(1e9 / options.external_pose_rate_Hz + 0.5);
+        pose_period_ns_ = std::llround(1e9 / options.external_pose_rate_Hz);
         next_pose_ns_ = options.start_ns + pose_period_ns_;
     }
 }
@@ -174,8 +176,7 @@ void World::sample_external_pose() {
     sample.pose.y_m = pose().y_m + options_.external_pose_noise_m * random_.gaussian();
     sample.pose.heading_rad = pose().heading_rad + options_.external_heading_noise_rad * random_.gaussian();
     sample.sample_time_ns = next_pose_ns_;
-    sample.ready_time_ns =
-        next_pose_ns_ + static_cast<std::int64_t>(options_.external_pose_delay_s * 1e9 + 0.5);
+    sample.ready_time_ns = next_pose_ns_ + std::llround(options_.external_pose_delay_s * 1e9);
     next_pose_ns_ += pose_period_ns_;
 }
 

@@ -74,7 +74,7 @@ constexpr std::string_view name_of(const std::array<ErrorName, n>& names, std::u
     return "unknown";
 }
 
-constexpr std::int64_t to_ns(double seconds) { return static_cast<std::int64_t>(seconds * 1e9 + 0.5); }
+std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
 
 }  // namespace
 

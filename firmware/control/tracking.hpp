@@ -129,7 +129,8 @@ class TrajectoryTracker {
         const auto over = [](int n) { return 1 / Real(n); };
         return {1 - x * over(2) *
                         (1 - x * over(12) * (1 - x * over(30) * (1 - x * over(56) * (1 - x * over(90))))),
-                1 - x * over(6) * (1 - x * over(20) * (1 - x * over(42) * (1 - x * over(72) * (1 - x * over(110)))))};
+                1 - x * over(6) *
+                        (1 - x * over(20) * (1 - x * over(42) * (1 - x * over(72) * (1 - x * over(110)))))};
     }
 
     TrackingSettings<Real> settings_;

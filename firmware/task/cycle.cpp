@@ -112,11 +112,15 @@ void Cycle::observe() {
     observer_.update(time_.scheduled_ns, sample(ports_.left.feedback()), sample(ports_.right.feedback()),
                      control_.plant());
     odometry_.advance(parameters_.geometry, observer_.turned_rad(), time_.scheduled_ns);
-    if (host_.events().external_pose) odometry_.fuse(host_.external_pose.value);
+    if (host_.events().external_pose) {
+        odometry_.fuse(host_.external_pose.value);
+        slip_.compare(host_.external_pose.value.heading_rad, odometry_.bare_pose().heading_rad,
+                      time_.scheduled_ns, parameters_.adaptation.slip_yaw_rate_rad_per_s);
+    }
 
     const auto age_ns = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
     sample_.usable = observer_.angles_at(time_.scheduled_ns - age_ns, sample_.angle_rad) &&
-                     time_.missed == 0 && !slipping_;
+                     time_.missed == 0 && !slip_.slipping(time_.scheduled_ns);
     sample_.last_torque_Nm = sent_torque_Nm_;
     sample_.heading_rad = odometry_.pose().heading_rad;
 }
@@ -328,7 +332,8 @@ void Cycle::learn() {
     const bool saturated = output_.limits.has(control::Limiter::torque_sum) ||
                            output_.limits.has(control::Limiter::torque_difference);
     const bool busy = host_.events().external_pose;  // fusing it is the other long calculation
-    if (learning_.adapt(sample_, !saturated, busy)) {
+    const bool slipping = slip_.slipping(time_.scheduled_ns);
+    if (learning_.adapt(sample_, !saturated && !slipping, busy)) {
         control_.change_model(learning_.adapted(control_.plant()), observer_.motion());
     }
 }
@@ -473,7 +478,8 @@ void Cycle::fill_status(protocol::Status& s) const {
     } else {
         s.limit_area = false;
     }
-    s.limit_adaptation_frozen = supervisor_.mode() == Mode::adaptive && learning_.adaptation_frozen();
+    s.limit_adaptation_frozen = supervisor_.mode() == Mode::adaptive &&
+                                (learning_.adaptation_frozen() || slip_.slipping(time_.scheduled_ns));
     s.drive_left = static_cast<protocol::DriveState>(ports_.left.state());
     s.drive_right = static_cast<protocol::DriveState>(ports_.right.state());
     s.progress_percent = 100 * learning_.progress();

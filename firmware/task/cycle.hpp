@@ -22,6 +22,7 @@
 #include "firmware/task/learning.hpp"
 #include "firmware/task/motion_control.hpp"
 #include "firmware/task/parameter_service.hpp"
+#include "firmware/task/slip_watch.hpp"
 #include "firmware/task/telemetry.hpp"
 #include "hal/can_bus.hpp"
 #include "hal/digital_line.hpp"
@@ -124,6 +125,7 @@ class Cycle {
     control::Odometry<double> odometry_;
     MotionControl control_;
     Learning learning_;
+    SlipWatch slip_;
     Learning::Sample sample_;
     Telemetry telemetry_;
     CycleReport report_;
@@ -148,8 +150,6 @@ class Cycle {
     bool drives_wanted_ = false;
     bool overran_ = false;
     bool identifying_ = false;
-    bool design_under_way_ = false;
-    bool slipping_ = false;
     bool bus_lost_ = false;
     int refused_torques_ = 0;
     std::uint32_t send_refused_ = 0;

@@ -160,9 +160,10 @@ int run(const Options& options) {
     }
 
     task::SaveMailbox mailbox;
-    const auto cycle = std::make_unique<task::Cycle>(
-        parameters, mailbox,
-        task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right, stop_line.get(), enable_line.get()});
+    const auto cycle =
+        std::make_unique<task::Cycle>(parameters, mailbox,
+                                      task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right,
+                                                       stop_line.get(), enable_line.get()});
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
     block_signals(true);

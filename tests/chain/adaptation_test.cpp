@@ -113,3 +113,40 @@ TEST(ChainAdaptation, a_constant_circle_freezes_what_it_does_not_excite) {
     CHECK(std::abs(after.dynamics.k8_per_kg_m2 / before.dynamics.k8_per_kg_m2 - 1) < 0.01);
     CHECK(sim.cycle().report().status.limit_adaptation_frozen);
 }
+
+// Note 18: a robot whose wheels say something else than an outside observer teaches nothing.
+TEST(ChainAdaptation, slip_freezes_the_adaptation) {
+    const auto frozen_share = [](double limit_rad_per_s) {
+        model::RobotParameters p = chain::identified();
+        p.adaptation.slip_yaw_rate_rad_per_s = limit_rad_per_s;
+        Simulation sim(p, chain::real().parameters, chain::options(6));
+        sim.run_for(0.5);
+        TrackingOptions tracking;
+        tracking.mode = protocol::Mode::adaptive;
+        tracking.path = control::standard_figure_eight<double>(p);
+        tracking.duration_s = 12;
+        int frozen = 0;
+        int cycles = 0;
+        tracking.event = [&](Simulation& now, double time_s) {
+            // A hand turns the robot at 1.2 rad/s for a second, and the wheels do not know.
+            if (time_s > 10 && time_s < 11) {
+                Pose<double> pose = now.world().pose();
+                pose.heading_rad += 1.2e-3;
+                now.world().plant().place(pose, now.world().twist());
+            }
+            if (time_s > 10.5 && time_s < 11.5) {
+                ++cycles;
+                if (now.cycle().report().status.limit_adaptation_frozen) ++frozen;
+            }
+        };
+        track(sim, tracking);
+        return static_cast<double>(frozen) / cycles;
+    };
+    const double watched = frozen_share(0.5);
+    const double unwatched = frozen_share(20);
+    std::printf(
+        "adaptation frozen for %.0f %% of the time while the robot slips; without the watch %.0f %%\n",
+        100 * watched, 100 * unwatched);
+    CHECK(watched > 0.95);
+    CHECK(unwatched < 0.5);
+}

@@ -13,7 +13,7 @@
 #include "tools/report/format.hpp"
 #include "tools/report/page.hpp"
 
-#include "CppUTest/TestHarness.h"
+#include <CppUTest/TestHarness.h>
 
 using namespace wheelwright::report;
 

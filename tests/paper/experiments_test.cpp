@@ -8,7 +8,7 @@
 #include "tools/paper/reproduction.hpp"
 #include "tools/paper/velocity_experiments.hpp"
 
-#include "CppUTest/TestHarness.h"
+#include <CppUTest/TestHarness.h>
 
 using namespace wheelwright;
 using namespace wheelwright::paper;

@@ -8,7 +8,6 @@ namespace {
 
 using report::Chart;
 using report::Section;
-using report::Series;
 using report::Tone;
 
 std::string text(const char* format, auto... values) {

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -350,7 +351,7 @@ void Simulation::step() {
 }
 
 void Simulation::run_for(double duration_s, const std::function<void()>& each) {
-    const auto cycles = static_cast<std::int64_t>(duration_s / task::kCyclePeriod_s + 0.5);
+    const auto cycles = std::llround(duration_s / task::kCyclePeriod_s);
     for (std::int64_t i = 0; i < cycles; ++i) {
         step();
         if (each) each();
@@ -359,7 +360,7 @@ void Simulation::run_for(double duration_s, const std::function<void()>& each) {
 
 bool Simulation::run_until(const std::function<bool()>& done, double at_most_s,
                            const std::function<void()>& each) {
-    const auto cycles = static_cast<std::int64_t>(at_most_s / task::kCyclePeriod_s + 0.5);
+    const auto cycles = std::llround(at_most_s / task::kCyclePeriod_s);
     for (std::int64_t i = 0; i < cycles; ++i) {
         step();
         if (each) each();
