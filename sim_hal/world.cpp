@@ -1,8 +1,7 @@
 #include "sim_hal/world.hpp"
 
-#include <cmath>
-
 #include <algorithm>
+#include <cmath>
 
 namespace wheelwright::sim {
 
