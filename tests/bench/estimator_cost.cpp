@@ -1,4 +1,4 @@
-// Runs one of several loops, for an instruction counter to compare: step_cost WHAT STEPS.
+// Runs one of several loops, for an instruction counter to compare: estimator_cost WHAT STEPS.
 //   nothing    only the data
 //   ours       both regressions, forgetting, bounds and the model guard
 //   paper      the same equations with dynamically sized matrices, as in the paper's Listing 4

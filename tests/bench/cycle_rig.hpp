@@ -1,0 +1,112 @@
+// The firmware's cycle and a simulated robot in virtual time, with the cycle's two calls in the caller's
+// hand: to count or to guard what happens inside them and nothing else. tools/sim/simulation.hpp is the same
+// for people who want to drive.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "drivers/drive_catalogue.hpp"
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/task/cycle.hpp"
+#include "hal/can_bus.hpp"
+#include "sim_hal/in_process_bus.hpp"
+#include "sim_hal/sim_line.hpp"
+#include "sim_hal/virtual_clock.hpp"
+#include "sim_hal/world.hpp"
+#include "tools/sim/simulation.hpp"
+
+namespace wheelwright::bench {
+
+// A bus that stands between the cycle and the real one.
+class FrontBus : public hal::CanBus {
+  public:
+    void connect(hal::CanBus& behind) { behind_ = &behind; }
+    hal::CanStatus send(const hal::CanFrame& frame) override { return behind_->send(frame); }
+    hal::CanStatus receive(hal::ReceivedFrame& out) override { return behind_->receive(out); }
+    bool set_filters(std::span<const hal::CanFilter> filters) override {
+        return behind_->set_filters(filters);
+    }
+    hal::CanStatistics statistics() const override { return behind_->statistics(); }
+
+  private:
+    hal::CanBus* behind_ = nullptr;
+};
+
+struct RigOptions {
+    std::uint64_t seed = 1;
+    sim::WorldOptions world;
+    bool separate_host_bus = false;
+    bool digital_lines = false;  // the emergency-stop input and the drive-enable output
+    FrontBus* front = nullptr;   // for the drives' bus; null: none. Outlives the rig.
+};
+
+class CycleRig {
+  public:
+    CycleRig(const model::RobotParameters& controller, const model::RobotParameters& truth,
+             const RigOptions& options = {});
+    CycleRig(const CycleRig&) = delete;
+    CycleRig& operator=(const CycleRig&) = delete;
+
+    // One millisecond. `cycle_part` is called twice, each time with the function that it shall call.
+    template <typename CyclePart>
+    void step(CyclePart&& cycle_part) {
+        const task::CycleTime time = wake();
+        cycle_part([&] { cycle_->think(time); });
+        clock_.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
+        cycle_part([&] { cycle_->send(clock_.now_ns()); });
+    }
+    void step() {
+        step([](auto&& part) { part(); });
+    }
+
+    // The next cycle begins late by so many periods.
+    void miss(std::int64_t cycles) { late_cycles_ = cycles; }
+
+    task::Cycle& cycle() { return *cycle_; }
+    tools::SimulatedHost& host() { return *host_; }
+    sim::World& world() { return world_; }
+    sim::InProcessBus& bus() { return bus_; }
+    sim::SimInput& stop_line() { return stop_line_; }
+    task::SaveMailbox& mailbox() { return mailbox_; }
+    hal::CanBus& host_bus() { return second_ == nullptr ? bus_.endpoint(kHost) : second_->endpoint(1); }
+    model::RobotParameters& parameters() { return parameters_; }  // the live ones
+    const task::CycleTime& time() const { return time_; }
+
+    static constexpr std::size_t kFirmware = 0;
+    static constexpr std::size_t kRobot = 1;
+    static constexpr std::size_t kHost = 2;
+
+  private:
+    task::CycleTime wake();
+
+    model::RobotParameters parameters_;
+    sim::VirtualClock clock_;
+    sim::InProcessBus bus_;
+    std::unique_ptr<sim::InProcessBus> second_;
+    sim::World world_;
+    sim::VirtualRobot robot_;
+    std::unique_ptr<tools::SimulatedHost> host_;
+    sim::SimInput stop_line_;
+    sim::SimOutput enable_line_;
+    drivers::DriveSlot left_;
+    drivers::DriveSlot right_;
+    task::SaveMailbox mailbox_;
+    std::unique_ptr<task::Cycle> cycle_;
+    task::CycleSchedule schedule_;
+    task::CycleTime time_;
+    std::int64_t late_cycles_ = 0;
+};
+
+// The example controller and the robot it is to drive, from tools/robots. `identified`: as the ident mode
+// would leave it, so that every mode is allowed.
+struct ExampleRobots {
+    model::RobotParameters controller;
+    model::RobotParameters truth;
+    sim::WorldOptions world;
+};
+ExampleRobots example_robots(bool identified);
+
+}  // namespace wheelwright::bench
