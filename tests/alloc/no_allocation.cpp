@@ -47,6 +47,7 @@ int drive() {
 // --- the proof -------------------------------------------------------------------------------------------
 
 void* volatile sink = nullptr;
+void* volatile other = nullptr;
 volatile std::size_t size = 100;
 
 struct Plant {
@@ -76,7 +77,7 @@ std::vector<Plant> plants() {
     return {
         {"malloc", [] { sink = std::malloc(size); }},
         {"calloc", [] { sink = std::calloc(size, 8); }},
-        {"realloc", [] { sink = std::realloc(sink, 2 * size); }},
+        {"realloc", [] { other = std::realloc(sink, 2 * size); }},
         {"free", [] { std::free(sink); }},
         {"aligned_alloc", [] { sink = std::aligned_alloc(64, 64 * size); }},
         {"posix_memalign",
