@@ -28,7 +28,6 @@ constexpr std::array<std::string_view, 2> kMethods{"delayed_plant", "paper"};
         index, #key, "", choice, standard, 0, double(names.size() - 1), when, names, WW_FIELD(key), meaning \
     }
 
-
 // clang-format off
 // The one home of names, units, defaults and ranges. Indices are stable: never reuse or renumber one.
 const std::array kTable{
