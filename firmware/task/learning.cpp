@@ -139,6 +139,7 @@ double Learning::progress() const {
 }
 
 bool Learning::excited() const {
+    if (!started_ && !adapting_) return false;
     const auto& x = estimate().excitation;
     return x.k7_per_kg_m >= minimum_excitation_ && x.k8_per_kg_m2 >= minimum_excitation_;
 }

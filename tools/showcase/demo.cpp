@@ -1,5 +1,5 @@
-// `wheelwright demo`: the main job from start to finish, on a simulated robot that the firmware knows nothing
-// about. Prints progress, then a table, and leaves a page with the plots.
+// `wheelwright demo`: the main job from start to finish, on a simulated robot whose numbers the firmware does
+// not know. Prints progress, then a table, and leaves a page with the plots.
 #include <unistd.h>
 
 #include <CLI/CLI.hpp>
@@ -84,8 +84,11 @@ int demo(const Options& options) {
     settings.can_interface = options.interface;
 
     std::printf(
-        "The firmware drives a simulated robot that it knows nothing about: mass, inertia, friction and\n"
-        "delays are the robot's own. The two share nothing but CAN frames on %s.\n\n",
+        "The firmware drives a simulated robot whose mass, inertia, friction and delays it does not know: "
+        "its\n"
+        "robot file differs from the truth in every measured number. Between the two there are CAN frames "
+        "only,\n"
+        "on %s.\n\n",
         options.interface.empty() ? "an in-process bus, in virtual time"
                                   : (options.interface + ", in real time").c_str());
 
