@@ -72,8 +72,9 @@ class World {
     World& operator=(const World&) = delete;
 
     // Takes the waiting frames in order, each at its timestamp (or now, when that has passed), and runs the
-    // world up to `now_ns`. Frames the robot sends leave during the call; those more than 20 ms overdue,
-    // after a pause of the machine, are dropped as a bus would have carried them long ago.
+    // world up to `now_ns`. Frames the robot sends leave during the call; those more than 3 ms overdue,
+    // after a pause of the machine, are dropped: a bus carries a frame within that, and one that came later
+    // would carry a wrong time.
     void pump(std::int64_t now_ns);
 
     // The same, but the body stays where the last event was: cheaper when nobody looks at it now.
@@ -109,7 +110,7 @@ class World {
 
   private:
     static constexpr std::int64_t kLongestStep_ns = 500'000;
-    static constexpr std::int64_t kOverdue_ns = 20'000'000;
+    static constexpr std::int64_t kOverdue_ns = 3'000'000;
 
     class Port final : public drivers::FrameSink {
       public:
