@@ -1,0 +1,301 @@
+"""Each fault on a real bus, what it does to the drives, how it is named and cleared; the ends of the program.
+
+One case for each limit that the robot file of this machine widens still trips it.
+"""
+import os
+import signal
+import subprocess
+import time
+import unittest
+
+import rig
+from rig import (ESTOP, HEARTBEAT, NODES, SET_AXIS_STATE, WATCHDOG_EXPIRED, WIDENED,
+                 drive_id, number_of)
+
+SLACK = 0.4  # s: how late this machine may be, where a time is judged
+TURN = {"YawRate": 1.5}  # rad/s, on the spot
+
+
+class Case(unittest.TestCase):
+    def end_of_torque(self, since):
+        """When the last torque that is not zero was sent."""
+        return max(when for torques in self.rig.torques(since).values() for when, torque in torques if torque != 0)
+
+
+class Faults(Case):
+    @classmethod
+    def setUpClass(cls):
+        cls.rig = rig.Rig()
+        cls.addClassCleanup(cls.rig.end)
+        cls.rig.start_robot()
+        cls.rig.start_daemon()
+
+    def setUp(self):
+        self.rig.recover()
+
+    def drive(self, **velocity):
+        """In velocity mode, with set-points that go on until the test's end, and the wheels turning."""
+        self.stream = self.rig.stream("VelocityCommand", 0.02, **(velocity or TURN))
+        self.addCleanup(self.rig.end_stream, self.stream)
+        self.rig.mode("velocity")
+        self.rig.until(lambda: abs(self.rig.truth()[5]) > 1.0 or abs(self.rig.truth()[4]) > 0.2, "the robot moves")
+        self.rig.watch_torques()
+
+    def stopped(self, fault, since, frames=2):
+        """The fault is named, each drive had at most so many more torques, was told idle, and hears zero only."""
+        self.rig.until_fault(fault)
+        self.rig.until(lambda: all(self.rig.told_idle(side, since) for side in NODES), "the drives are told idle")
+        last = since
+        for side, torques in self.rig.torques(since).items():
+            driving = [when for when, torque in torques if torque != 0]
+            self.assertLessEqual(len(driving), frames)
+            last = max([last, *driving])
+            self.assertGreaterEqual(self.rig.told_idle(side, since)[0], last)
+        self.rig.until(lambda: self.rig.heartbeat("left")[2] == self.rig.heartbeat("right")[2] == 1,
+                       "both drives report idle")
+        return last
+
+    def cleared(self):
+        """A request is refused while the fault is latched; ClearFault at rest leads to idle, and to driving again."""
+        self.rig.send("ModeCommand", Mode="torque")
+        self.rig.until_status(lambda s: s["Blocker"] == "fault_latched", "the request is refused")
+        self.rig.clear_fault()
+
+    def test_emergency_stop_message(self):
+        self.drive()
+        before = time.time()
+        self.rig.send("EmergencyStop")
+        sent = self.rig.until(lambda: self.rig.host.of("EmergencyStop", before), "the stop is on the bus")[0][0]
+        last = self.stopped("emergency_stop_message", sent)
+        print(f"emergency stop: last torque {1e3 * (last - sent):.1f} ms after it")
+        self.cleared()
+        self.rig.until_status(lambda s: s["Fault"] == "none", "no fault")
+
+    def test_a_fault_is_not_cleared_while_the_robot_moves(self):
+        self.drive(ForwardSpeed=1.2)
+        self.rig.until(lambda: self.rig.truth()[4] > 1.1, "fast")
+        self.rig.host.cansend(number_of("EmergencyStop"), "DEADBEEF")  # any length stops
+        self.rig.until_fault("emergency_stop_message")
+        self.rig.send("ClearFault")
+        sent = time.time()
+        self.rig.until_status(lambda s: s["Blocker"] == "robot_moving" or s["Time"] > sent + 2, "the refusal")
+        self.assertEqual(self.rig.status()["Blocker"], "robot_moving")
+        self.cleared()
+
+    def test_stale_command(self):
+        limit = 0.02 * WIDENED["safety.stale_command_cycles"]
+        self.drive()
+        self.rig.end_stream(self.stream)
+        last_command = self.rig.host.of("VelocityCommand")[-1][0]
+        self.rig.until_fault("stale_command")
+        driven = self.end_of_torque(last_command) - last_command
+        print(f"stale command: torque for {driven:.3f} s after the last set-point, limit {limit} s")
+        self.assertTrue(limit - 0.02 < driven < limit + SLACK, driven)
+        self.stopped("stale_command", last_command + driven + 0.0005, frames=0)
+        self.cleared()
+
+    def test_frames_with_a_wrong_crc_do_not_keep_the_robot_going(self):
+        self.drive()
+        good = self.stream
+        path = os.path.join(self.rig.folder, "wrong_crc.log")
+        with open(path, "w", encoding="ascii") as file:
+            for i in range(400):
+                data = rig.DBC.sealed("VelocityCommand", i % 15, **TURN)
+                data[0] ^= 0x55
+                file.write(f"({i * 0.02:.6f}) vcan0 603#{data.hex().upper()}\n")
+        bad = self.rig.popen([*rig.realtime(60), "canplayer", "-g", "10", "-I", path], "wrong_crc.txt")
+        self.rig.end_stream(good)
+        began = time.time()
+        self.rig.until_fault("stale_command")
+        self.stopped("stale_command", self.end_of_torque(began - 5) + 0.0005, frames=0)
+        self.rig.end_stream(bad)
+        self.cleared()
+
+    def test_a_drive_reports_an_error(self):
+        self.drive()
+        sent = time.time()
+        self.rig.drives.cansend(drive_id("left", ESTOP), b"")
+        found = self.rig.until(lambda: [when for when, data in self.rig.drives.of(drive_id("left", HEARTBEAT), sent)
+                                        if data[:4] != bytes(4)], "the drive says so")[0]
+        last = self.stopped("drive_error", found)
+        print(f"drive error: last torque {1e3 * (last - found):.1f} ms after the heartbeat")
+        self.assertEqual(self.rig.status()["DriveLeft"], "fault")
+        self.cleared()  # and with it the drive's error
+        self.assertEqual(self.rig.heartbeat("left")[1:], (0, 1))
+
+    def test_a_drive_leaves_closed_loop_by_itself(self):
+        self.drive()
+        sent = time.time()
+        self.rig.drives.cansend(drive_id("right", SET_AXIS_STATE), "01000000")
+        found = self.rig.until(lambda: [when for when, data in self.rig.drives.of(drive_id("right", HEARTBEAT), sent)
+                                        if data[4] == 1], "the drive says so")[0]
+        self.stopped("drive_left_armed_state", found)
+        self.cleared()
+
+    def test_the_interface_goes_down(self):
+        self.drive()
+        subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
+        down = time.time()
+        # Nobody hears anything now. The drives' watchdogs stop the wheels.
+        self.rig.until(lambda: time.time() > down + WIDENED["drive.watchdog_timeout_s"] and self.rig.at_rest(),
+                       "the robot stands")
+        subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
+        up = time.time()
+        self.rig.until_status(lambda s: s["Time"] > up and s["State"] == "fault" and s["Fault"] == "bus_down",
+                              "fault bus_down")
+        self.assertEqual([torque for torques in self.rig.torques(up).values() for _, torque in torques if torque != 0], [])
+        self.assertEqual(self.rig.heartbeat("left")[2], 1)
+        self.cleared()
+
+    def test_sigterm_ramps_and_leaves_the_drives_idle(self):
+        self.drive(ForwardSpeed=0.5)
+        self.rig.until(lambda: self.rig.truth()[4] > 0.45, "the robot drives")
+        sent = time.time()
+        self.assertEqual(self.rig.stop_daemon(), 0)
+        ended = time.time()
+        for side, torques in self.rig.torques(sent).items():
+            self.assertLess(min(torque for _, torque in torques), -0.5)  # it braked
+            told = self.rig.told_idle(side, sent)
+            self.assertTrue(told)
+            self.assertEqual([t for when, t in torques if t != 0 and when > told[0] - 0.0005], [])
+        self.rig.until(lambda: all(self.rig.heartbeat(side)[1:] == (0, 1) for side in NODES),
+                       "both drives report idle, without an error")
+        self.rig.until(self.rig.at_rest, "the robot stands")
+        path = sum(abs(a[4]) * (b[0] - a[0]) for a, b in zip(self.rig.truth(sent), self.rig.truth(sent)[1:]))
+        print(f"SIGTERM at 0.5 m/s: ended after {ended - sent:.2f} s, {1e3 * path:.0f} mm on")
+        self.rig.start_daemon()
+
+    def test_kill_9_the_watchdogs_stop_the_wheels(self):
+        self.drive(ForwardSpeed=0.5)
+        self.rig.until(lambda: self.rig.truth()[4] > 0.45, "the robot drives")
+        self.rig.daemon.kill()
+        self.assertEqual(self.rig.daemon.wait(rig.LONG), -signal.SIGKILL)
+        last = self.rig.torques(0)["left"][-1][0]
+        for side in NODES:
+            self.rig.until(lambda side=side: self.rig.heartbeat(side)[1:] == (WATCHDOG_EXPIRED, 1),
+                           "the drive's watchdog has expired")
+        expired = min(when for when, data in self.rig.drives.of(drive_id("left", HEARTBEAT), last)
+                      if data[:4] != bytes(4))
+        self.rig.until(self.rig.at_rest, "the robot stands")
+        rest = next(row[0] for row in self.rig.truth(expired) if abs(row[4]) < 0.005)
+        print(f"kill -9 at 0.5 m/s: watchdog seen {expired - last:.2f} s after the last torque "
+              f"(limit {WIDENED['drive.watchdog_timeout_s']} s), rest {rest - last:.2f} s after it")
+        self.assertGreater(expired - last, WIDENED["drive.watchdog_timeout_s"] - 0.02)
+        # The same robot drives again: the next start clears what the watchdogs left.
+        self.rig.start_daemon()
+        self.rig.mode("torque")
+        self.rig.mode("idle")
+
+
+class Limits(Case):
+    """Limits that get in each other's way: each case has a robot file of its own, on one robot."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.rig = rig.Rig()
+        cls.addClassCleanup(cls.rig.end)
+        cls.rig.start_robot(drive__watchdog_timeout_s=2.0)
+
+    def tearDown(self):
+        if self.rig.robot.poll() is None:
+            self.rig.robot.send_signal(signal.SIGCONT)
+        self.rig.daemon.kill()
+        self.rig.daemon.wait()
+
+    def start(self, **values):
+        """The firmware with these limits, turning in velocity mode."""
+        self.rig.start_daemon(drive__watchdog_timeout_s=2.0, **values)
+        self.stream = self.rig.stream("VelocityCommand", 0.02, **TURN)
+        self.addCleanup(self.rig.end_stream, self.stream)
+        self.rig.mode("velocity")
+        self.rig.until(lambda: abs(self.rig.truth()[5]) > 1.0, "the robot turns")
+        self.rig.watch_torques()
+
+    def silence(self):
+        """The robot stops talking; returns when."""
+        self.rig.robot.send_signal(signal.SIGSTOP)
+        return time.time()
+
+    def test_over_speed(self):
+        self.start(limits__speed_m_per_s=0.5, ident__speed_limit_m_per_s=0.4, pose_control__speed_m_per_s=0.4,
+                   safety__over_speed_m_per_s=0.6)
+        stream = self.rig.stream("TorqueCommand", 0.02, LeftTorque=1.0, RightTorque=1.0)
+        self.addCleanup(self.rig.end_stream, stream)
+        began = time.time()
+        self.rig.send("ModeCommand", Mode="torque")
+        self.rig.until_fault("over_speed")
+        top = max(row[4] for row in self.rig.truth(began))
+        print(f"over-speed at 0.6 m/s: the robot reached {top:.3f} m/s")
+        self.assertGreater(top, 0.58)
+        # As measured: the encoders' noise may take a robot just below the limit over it.
+        crossed = next(row[0] for row in self.rig.truth(began) if row[4] > 0.58)
+        self.assertLess(self.end_of_torque(began) - crossed, SLACK)
+        self.rig.clear_fault()
+
+    def test_feedback_gets_stale(self):
+        limit = WIDENED["safety.stale_feedback_s"]
+        self.start()
+        silent = self.silence()
+        self.rig.until_fault("stale_feedback")
+        late = self.end_of_torque(silent) - silent
+        print(f"stale feedback: torque for {late:.3f} s after the last encoder frame, limit {limit} s")
+        self.assertTrue(limit - 0.02 < late < limit + SLACK, late)
+        self.rig.robot.send_signal(signal.SIGCONT)
+        self.rig.clear_fault()
+
+    def test_a_drive_goes_silent(self):
+        limit = 0.35
+        self.start(drive__heartbeat_timeout_s=limit, safety__stale_feedback_s=1.0)
+        silent = self.silence()
+        self.rig.until_fault("drive_silent")
+        self.rig.until_status(lambda s: s["DriveLeft"] == s["DriveRight"] == "silent", "both drives are silent")
+        late = self.end_of_torque(silent) - silent
+        print(f"drive silent: torque for {late:.3f} s after the last frame, limit {limit} s since a heartbeat")
+        self.assertTrue(limit - 0.1 - 0.03 < late < limit + SLACK, late)
+        self.rig.send("ModeCommand", Mode="torque")
+        self.rig.robot.send_signal(signal.SIGCONT)
+        self.rig.clear_fault()
+
+    def test_cycles_missed_in_a_row(self):
+        self.start(overrun_fault__in_a_row=200, overrun_fault__per_second=1000, safety__stale_feedback_s=1.0,
+                   safety__stale_command_cycles=50)
+        self.pause(0.4)
+        self.rig.until_fault("cycle_overrun")
+        self.judge_overrun(200)
+
+    def test_cycles_missed_within_a_second(self):
+        self.start(overrun_fault__in_a_row=1000, overrun_fault__per_second=300, safety__stale_feedback_s=1.0,
+                   safety__stale_command_cycles=50)
+        for _ in range(4):
+            self.pause(0.12)
+        self.rig.until_fault("cycle_overrun")
+        self.judge_overrun(300)
+
+    def pause(self, seconds):
+        self.rig.daemon.send_signal(signal.SIGSTOP)
+        time.sleep(seconds)  # what is tested
+        self.rig.daemon.send_signal(signal.SIGCONT)
+        time.sleep(0.05)
+
+    def judge_overrun(self, at_least):
+        timing = self.rig.until(lambda: (lambda t: t if t and t["MissedCycles"] >= at_least else None)(
+            self.rig.host.latest("Timing")), "the missed cycles are reported")
+        print(f"overrun: {timing['MissedCycles']:.0f} missed cycles reported")
+        self.rig.clear_fault()
+
+    def test_arming_is_refused_without_a_watchdog(self):
+        self.rig.start_daemon(drive__watchdog_assured=False)
+        self.rig.watch_torques()
+        began = time.time()
+        self.rig.send("ModeCommand", Mode="torque")
+        self.rig.until_fault("arming_refused")
+        self.assertEqual(self.rig.status()["Blocker"], "watchdog_not_confirmed")
+        for side in NODES:
+            self.assertEqual([data for _, data in self.rig.drives.of(drive_id(side, SET_AXIS_STATE), began)
+                              if data[0] == 8], [])
+        self.assertEqual(list(self.rig.torques(began).values()), [[], []])
+        self.rig.clear_fault()
+
+
+if __name__ == "__main__":
+    rig.main()
