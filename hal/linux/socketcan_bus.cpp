@@ -209,7 +209,6 @@ CanStatus SocketCanBus::receive(ReceivedFrame& out) {
         down_ = down_ || errno != EINTR;
     }
     if (size != ssize_t{CAN_MTU} && size != ssize_t{CANFD_MTU}) {
-        clocks_read_ = false;
         return down_ || bus_off_ ? CanStatus::bus_down : CanStatus::would_block;
     }
 
@@ -268,18 +267,12 @@ void SocketCanBus::note_error_class(std::uint32_t error_class) {
 // never comes out before the frame. When somebody has set the clock between stamp and now, the age by the old
 // offset and by the new one differ by the step: the true one is not negative, and is the smaller (a frame
 // does not wait here for longer than a clock is set by).
-//
-// Frames that waited together share one reading, which must not be older than the frame.
 std::int64_t SocketCanBus::to_monotonic_ns(std::int64_t stamp_realtime_ns) {
     constexpr std::int64_t step_ns = 1'000'000;
-    std::int64_t change_ns = 0;
-    if (!clocks_read_ || stamp_realtime_ns > realtime_ns_) {
-        realtime_ns_ = read_clock_ns(CLOCK_REALTIME);
-        monotonic_ns_ = read_clock_ns(CLOCK_MONOTONIC);
-        clocks_read_ = true;
-        change_ns = realtime_ns_ - monotonic_ns_ - realtime_offset_ns_;
-    }
-    const std::int64_t age_then_ns = monotonic_ns_ + realtime_offset_ns_ - stamp_realtime_ns;
+    const std::int64_t realtime_ns = read_clock_ns(CLOCK_REALTIME);
+    const std::int64_t monotonic_ns = read_clock_ns(CLOCK_MONOTONIC);
+    const std::int64_t change_ns = realtime_ns - monotonic_ns - realtime_offset_ns_;
+    const std::int64_t age_then_ns = monotonic_ns + realtime_offset_ns_ - stamp_realtime_ns;
     std::int64_t age_ns = age_then_ns;
     if (change_ns > -step_ns && change_ns < step_ns) {
         realtime_offset_ns_ += change_ns / 16;
@@ -291,7 +284,7 @@ std::int64_t SocketCanBus::to_monotonic_ns(std::int64_t stamp_realtime_ns) {
         }
     }
     // Never in the future, never before an earlier frame.
-    last_timestamp_ns_ = std::max(last_timestamp_ns_, monotonic_ns_ - std::max<std::int64_t>(age_ns, 0));
+    last_timestamp_ns_ = std::max(last_timestamp_ns_, monotonic_ns - std::max<std::int64_t>(age_ns, 0));
     return last_timestamp_ns_;
 }
 

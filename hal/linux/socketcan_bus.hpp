@@ -67,9 +67,6 @@ class SocketCanBus final : public CanBus {
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
     std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC
     std::int64_t last_timestamp_ns_ = 0;
-    bool clocks_read_ = false;  // both clocks, since the queue was last seen empty
-    std::int64_t realtime_ns_ = 0;
-    std::int64_t monotonic_ns_ = 0;
     CanStatistics statistics_;
 };
 
