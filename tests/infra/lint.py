@@ -16,6 +16,7 @@ import json
 import os
 import pathlib
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -89,6 +90,8 @@ def judge(cache, jobs):
     slowest = sorted(seconds, key=seconds.get, reverse=True)[:5]
     if slowest and seconds[slowest[0]] > 5:
         print("slowest:", ", ".join(f"{name} {seconds[name]:.0f} s" for name in slowest))
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    print(f"{used.ru_utime + used.ru_stime:.0f} s of processor time")
     print(f"{len(jobs)} files, {len(jobs) - len(todo)} of them known to be good, {failed} failed")
     return failed
 
@@ -109,23 +112,25 @@ def tidy_settings(root, file):
     return "".join(place.read_text() for place in places if place.is_file())
 
 
-def tidy_jobs(root, build, only):
+def tidy_jobs(root, cache, build, only):
     tool = "clang-tidy-16"
     tool_version = version(tool)
     roots = (str(root), str(build / "generated"))
-    jobs = []
+    # A file compiled into several programs is judged once: clang-tidy would do it for each entry of the database.
+    entries = {}
     for entry in json.loads((build / "compile_commands.json").read_text()):
+        entries.setdefault(entry["file"], entry)
+    cache.mkdir(parents=True, exist_ok=True)
+    (cache / "compile_commands.json").write_text(json.dumps(list(entries.values())))
+    jobs = []
+    for entry in entries.values():
         file = pathlib.Path(entry["file"])
         name = file.relative_to(root).as_posix() if root in file.parents else None
         if name is None or not name.endswith(".cpp") or (only and not name.startswith(tuple(only))):
             continue
         key = digest(closure(str(file), roots), tool_version, tidy_settings(root, file), entry["command"])
-        jobs.append((name, key, [tool, "-p", str(build), "--quiet", str(file)]))
-    # The same file compiled into several programs with the same flags is judged once.
-    unique = {}
-    for name, key, command in jobs:
-        unique.setdefault(name, (name, key, command))
-    return list(unique.values())
+        jobs.append((name, key, [tool, "-p", str(cache), "--quiet", str(file)]))
+    return jobs
 
 
 def main():
@@ -137,7 +142,10 @@ def main():
     parser.add_argument("--only", action="append", default=[])
     arguments = parser.parse_args()
     root = arguments.root.resolve()
-    jobs = format_jobs(root) if arguments.what == "format" else tidy_jobs(root, arguments.build.resolve(), arguments.only)
+    if arguments.what == "format":
+        jobs = format_jobs(root)
+    else:
+        jobs = tidy_jobs(root, arguments.cache.resolve(), arguments.build.resolve(), arguments.only)
     if not jobs:
         print("no file to judge: that is not right")
         return 1

@@ -17,18 +17,24 @@ TIDY = [
     ("cppcoreguidelines-pro-type-cstyle-cast", "int narrow(const char* p) { return *(int*)p; }"),
     ("cppcoreguidelines-no-malloc", "void* take() { return __builtin_malloc(4) ? std::malloc(4) : nullptr; }"),
     ("cppcoreguidelines-avoid-goto", "int jump() { goto out; out: return 1; }"),
-    ("modernize-use-nullptr", "int* none() { return 0; }"),
+    ("clang-diagnostic-zero-as-null-pointer-constant", "int* none() { return 0; }"),
     ("modernize-use-override", "struct Base { virtual ~Base(); virtual void f(); }; struct Child : Base { virtual void f(); };"),
     ("google-explicit-constructor", "struct Wrap { Wrap(int value); };"),
     ("bugprone-integer-division", "double half(int n) { double x = n / 2; return x; }"),
     ("bugprone-incorrect-roundings", "int round(double x) { return static_cast<int>(x + 0.5); }"),
     ("clang-analyzer-core.DivideZero", "int by_zero(int n) { int zero = 0; return n / zero; }"),
-    ("performance-unnecessary-value-param", "std::size_t length(std::string text) { return text.size(); }"),
+    ("clang-analyzer-cplusplus.Move", "std::size_t gone(std::string s) { std::string t = std::move(s); return s.size() + t.size(); }"),
+    ("clang-diagnostic-reserved-identifier", "int __count();"),
+    ("clang-diagnostic-unreachable-code", "int after(int n) { return n; ++n; }"),
+    ("bugprone-infinite-loop", "int forever() { int i = 0; int n = 0; while (i < 9) { ++n; } return n; }"),
+    ("bugprone-unused-raii", "struct Lock { Lock(); ~Lock(); }; int enter() { Lock(); return 1; }"),
+    ("performance-for-range-copy",
+     "std::size_t sizes(const std::array<std::string, 2>& all) { std::size_t n = 0; for (const auto text : all) { n += text.size(); } return n; }"),
 ]
 # The same names as they should be.
 CLEAN = """
 constexpr double kWheelRadius_m = 0.075;
-struct Wheel { float torque_Nm = 0; double kinetic_energy_J = 0; };
+struct Wheel { float torque_Nm = 0; double kinetic_energy_J = 0; float k7_per_Nm2 = 0; };
 class Counter {
   public:
     void count() { ++value_; }
@@ -40,7 +46,7 @@ class Counter {
 template <typename Real, int N, bool kVariable>
 Real twice(Real x_m) { return x_m * (kVariable ? N : 2); }
 """
-HEADERS = "#include <cstdlib>\n#include <string>\n"
+HEADERS = "#include <array>\n#include <cstdlib>\n#include <string>\n#include <utility>\n"
 
 
 def tidy(root, file, code):

@@ -49,7 +49,7 @@ bool override_torque(const Pair& u, Pair& torque) {
         return size > kLimit[i] - 2 * kDriftStep[i] ||
                (push * u[i] > 0 && size > kLimit[i] - kTorqueStep[i] - 2 * kDriftStep[i]);
     };
-    const double sign_of_k8 = kTable1Truth[3] < 0 ? -1 : 1;
+    const double sign_of_k8 = std::copysign(1.0, kTable1Truth[3]);
     if (toward_limit(0, torque[0] + torque[1])) {
         const double back = u[0] > 0 ? -kAmplitude_Nm : kAmplitude_Nm;
         torque = {back, back};
