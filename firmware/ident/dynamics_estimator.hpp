@@ -4,34 +4,49 @@
 //   y1 = K5 omega^2 + K7 (tau_r + tau_l) + sum K7 p_j (c_j,r + c_j,l)
 //   y2 = K6 v omega + K8 (tau_r - tau_l) + sum K8 p_j (c_j,r - c_j,l)
 //
-// A drive answers with a lag besides its delay. The delay is given; the lag's spread about it is estimated as
-// one more column, the torque's second difference over taps on both sides of the delay. Without it, a lag of
-// 1 ms under bits of 10 ms makes K7 and K8 one per cent small.
+// What a drive does to the torque on its way is not known to a tenth of a millisecond, does not stay the same
+// (frames wait for others on the bus, and the drives' clocks drift against ours), and differs between left
+// and right. A tenth of a millisecond under bits of 20 ms leaves residuals three times the sensors' noise,
+// coloured like the torque's derivative. So each equation has columns for it:
+//   timing, own and cross   the torque's slope: what the delay, and the difference of the wheels' delays, are
+//                           off by; both may wander (a random walk, kTimingMemory_s)
+//   spread                  the torque's second difference: a lag about the delay, less the drive's filter.
+//                           Without it a lag of 1 ms under bits of 10 ms makes K7 and K8 one per cent small
+//   cross torque            the difference in y1, the sum in y2: wheels, gears or drives that are not equal
 //
-// An effect's parameter is the ratio of its coefficient and K7 (or K8); both equations' values are combined
-// by their variances. Nothing is forgotten: this is for a robot that does not change meanwhile. For one that
-// does, see adaptive_estimator.hpp.
+// An effect's parameter is the ratio of its coefficient and K7 (or K8). What both equations know of the
+// parameters is added up as information, so they come out where only both together tell them (with wheels
+// that never reverse, one knows the sum of two frictions and the other their difference).
 //
-// push() does one piece of a row's work in each of the four cycles after it, so no cycle bears all of it. At
-// most about 700 operations in a cycle with four columns. No allocation.
+// Standard errors: score_errors.hpp. What was never excited has the error kUnknownError. Nothing is
+// forgotten: this is for a robot that does not change meanwhile. For one that does, see
+// adaptive_estimator.hpp.
+//
+// push() does one piece of a row's work in each of the five cycles that end a row and follow it, so no cycle
+// bears all of it. No allocation.
 #pragma once
 
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
 
-#include "firmware/ident/coloured_errors.hpp"
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
 #include "firmware/ident/regression_filter.hpp"
+#include "firmware/ident/score_errors.hpp"
 #include "firmware/ident/ud_rls.hpp"
 
 namespace wheelwright::ident {
 
 template <typename Real>
 struct DynamicsEstimatorOptions {
+    // filter.kernel_s: its blocks (two thirds of it) should have no common factor with the excitation's bits.
+    // Rows locked to the bits see them always at the same phase, and what the taps leave of the drive's
+    // response then does not average out: K7 and K8 0.015 % off with 20 ms and 20 ms.
     RegressionFilterOptions<Real> filter;
     Real relative_standard_error = Real(0.005);  // of K7 and K8, for estimate().good_enough
     Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
@@ -53,9 +68,11 @@ class DynamicsEstimator {
         Vector prior{};
         prior.fill(options.prior_variance);
         const Real interval_s = static_cast<Real>(filter_.block_samples() * options.filter.sample_time_s);
+        timing_memory_rows_ = std::max(Real(1), static_cast<Real>(kTimingMemory_s) / interval_s);
         for (Equation& equation : equation_) {
+            equation = {};
             equation.rls.reset(Vector{}, prior, size);
-            equation.errors.reset(2, size);
+            equation.errors.reset(size - kTiming);
             equation.monitor.reset(1 - std::min(Real(0.5), interval_s / options.excitation_memory_s), prior,
                                    size);
         }
@@ -99,6 +116,9 @@ class DynamicsEstimator {
                 return false;
             case Work::turning_errors:
                 refresh(equation_[1]);
+                work_ = Work::publishing;
+                return false;
+            case Work::publishing:
                 publish();
                 work_ = Work::none;
                 return true;
@@ -115,22 +135,35 @@ class DynamicsEstimator {
     }
 
   private:
-    static constexpr int kFixed = 4;  // velocity product, torque, lag
-    static constexpr double kLargestTapSpacing_s = 0.003;
+    // Where what stands in theta.
+    static constexpr int kTiming = 2;  // own and cross
+    static constexpr int kVelocityProduct = 2;
+    static constexpr int kTorque = 3;
+    static constexpr int kFixed = 6;  // ..., spread, cross torque; from here on the effects' columns
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
-    static constexpr std::uint32_t kEnoughRows = 200;
+    static constexpr int kMaxColumns = static_cast<int>(model::kMaxColumns);
+    static constexpr double kLargestTapSpacing_s = 0.003;
+    static constexpr double kTimingMemory_s = 0.8;  // how long the data tell a delay that wanders
+    static constexpr std::uint32_t kRowsToJudge =
+        500;                                        // standard errors from fewer are too uncertain to stop on
+    static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     using Vector = std::array<Real, kSize>;
-    enum class Work : std::uint8_t { none, linear, turning, linear_errors, turning_errors };
+    using Errors = ScoreErrors<Real, kSize - kTiming>;
+    using ColumnVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxColumns, 1>;
+    using ColumnMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxColumns, kMaxColumns>;
+    enum class Work : std::uint8_t { none, linear, turning, linear_errors, turning_errors, publishing };
 
-    struct Ratio {
-        Real value{}, variance{};
-    };
     struct Equation {
         UdRls<Real, kSize, true> rls;
-        ColouredErrors<Real, kSize> errors;
+        Errors errors;
         ExcitationMonitor<Real, kSize> monitor;
-        Vector variance{};
-        std::array<Ratio, model::kMaxColumns> effect{};
+        Real timing_power = 0;          // mean square of the timing columns
+        Real velocity_product_error{};  // standard errors
+        Real torque_error{};
+        ColumnVector effect;  // the effects' parameters as this equation sees them
+        ColumnMatrix effect_covariance;
+        ColumnMatrix effect_information;  // for residuals without colour: how the equations are weighed
+        double prior_information = 0;     // the part of it that was there before any data
     };
 
     // So that no tap lies before the torque was told.
@@ -140,95 +173,169 @@ class DynamicsEstimator {
 
     void update_linear() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        regress(equation_[0], row.omega_squared, row.acceleration.v_m_per_s2,
-                [](const WheelPair<Real>& pair) { return pair.sum(); });
+        regress(
+            equation_[0], row.omega_squared, row.acceleration.v_m_per_s2,
+            [](const WheelPair<Real>& pair) { return pair.sum(); },
+            [](const WheelPair<Real>& pair) { return pair.difference(); });
     }
     void update_turning() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        regress(equation_[1], row.v_omega, row.acceleration.omega_rad_per_s2,
-                [](const WheelPair<Real>& pair) { return pair.difference(); });
+        regress(
+            equation_[1], row.v_omega, row.acceleration.omega_rad_per_s2,
+            [](const WheelPair<Real>& pair) { return pair.difference(); },
+            [](const WheelPair<Real>& pair) { return pair.sum(); });
     }
-    template <typename Combine>
-    void regress(Equation& equation, Real velocity_product, Real y, Combine&& combine) {
+    template <typename Own, typename Cross>
+    void regress(Equation& equation, Real velocity_product, Real y, Own&& own, Cross&& cross) {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        const Real torque = combine(row.torque_Nm[1]);
-        const Real lag = combine(row.torque_Nm[0]) + combine(row.torque_Nm[2]) - 2 * torque;
-        const Real slip = combine(row.torque_Nm[2]) - combine(row.torque_Nm[0]);
-        Vector phi{velocity_product, torque, lag, slip};
+        const auto& [early, torque, late] = row.torque_Nm;
+        const Real timing = own(late) - own(early);
+        const Real spread = own(early) + own(late) - 2 * own(torque);
+        Vector phi{timing, cross(late) - cross(early), velocity_product, own(torque), spread, cross(torque)};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
-            phi[kFixed + j] = combine(row.column[j]);
-        update(equation, phi, y);
-    }
-    static void update(Equation& equation, const Vector& phi, Real y) {
-        const Real innovation = equation.rls.update(phi, y);
-        equation.errors.push(phi, innovation);
+            phi[kFixed + j] = own(row.column[j]);
+        let_timing_wander(equation, timing);
+        const auto projection = equation.rls.projection(phi);
+        Real innovation = y;
+        for (int i = 0; i < kFixed + columns_; ++i)
+            innovation -=
+                phi[static_cast<std::size_t>(i)] * equation.rls.theta()[static_cast<std::size_t>(i)];
+        equation.rls.update_with_innovation(phi, innovation);
+        typename Errors::Vector shared{};
+        std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
+        equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
     }
 
-    // Variances of the coefficients, and the effects' parameters as ratios (first-order error propagation).
+    // A random walk so large that the data of kTimingMemory_s tell it: the window over which a parameter with
+    // regressor power p and walk q (per row, in units of the noise) is averaged is 1 / sqrt(p q).
+    void let_timing_wander(Equation& equation, Real timing) {
+        const Real share = 1 / static_cast<Real>(estimate_.rows + 1);
+        equation.timing_power += share * (timing * timing - equation.timing_power);
+        const Real window = timing_memory_rows_ * timing_memory_rows_ * equation.timing_power;
+        if (!(window > 0)) return;
+        const Real walk = std::min(1 / window, options_.prior_variance);
+        for (int i = 0; i < kTiming; ++i) equation.rls.add_variance(i, walk);
+    }
+
+    typename Errors::Vector covariances(const Equation& equation, int parameter) const {
+        typename Errors::Vector p{};
+        for (int k = kTiming; k < kFixed + columns_; ++k)
+            p[static_cast<std::size_t>(k - kTiming)] = equation.rls.covariance(parameter, k);
+        return p;
+    }
+
+    // Standard errors, and what the equation knows of the effects' parameters (first-order propagation).
     void refresh(Equation& equation) {
-        const auto noise = equation.errors.noise_variances();
-        const int size = kFixed + columns_;
-        Vector to_torque{};  // row of P that belongs to K7 or K8
-        for (int k = 0; k < size; ++k) to_torque[static_cast<std::size_t>(k)] = equation.rls.covariance(1, k);
-        const Vector middle = equation.errors.apply(noise, to_torque);
-        const Real gain = equation.rls.theta()[1];
-        for (int i = 0; i < size; ++i) {
-            Vector p{};
-            Real with_gain = 0;
-            for (int k = 0; k < size; ++k) {
-                p[static_cast<std::size_t>(k)] = equation.rls.covariance(i, k);
-                with_gain += p[static_cast<std::size_t>(k)] * middle[static_cast<std::size_t>(k)];
+        const auto p_product = covariances(equation, kVelocityProduct);
+        equation.velocity_product_error =
+            error(equation, kVelocityProduct, equation.errors.covariance(p_product, p_product));
+        std::array<typename Errors::Vector, model::kMaxColumns + 1> p;  // of the torque, and of each effect
+        p[0] = covariances(equation, kTorque);
+        for (int j = 0; j < columns_; ++j)
+            p[static_cast<std::size_t>(j) + 1] = covariances(equation, kFixed + j);
+
+        const double gain = static_cast<double>(equation.rls.theta()[kTorque]);
+        Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxColumns + 1, kMaxColumns + 1> covariance(
+            columns_ + 1, columns_ + 1);
+        for (int i = 0; i <= columns_; ++i) {
+            const auto middle = equation.errors.apply(p[static_cast<std::size_t>(i)]);
+            for (int j = 0; j <= i; ++j) {
+                Real sum = 0;
+                for (std::size_t k = 0; k < middle.size(); ++k)
+                    sum += p[static_cast<std::size_t>(j)][k] * middle[k];
+                covariance(i, j) = covariance(j, i) = static_cast<double>(sum);
             }
-            const Real variance = equation.errors.covariance(noise, p, p);
-            equation.variance[static_cast<std::size_t>(i)] = variance;
-            if (i < kFixed) continue;
-            const Real ratio = equation.rls.theta()[static_cast<std::size_t>(i)] / gain;
-            // variance[1] is up to date: i ascends
-            equation.effect[static_cast<std::size_t>(i - kFixed)] = {
-                ratio,
-                (variance - 2 * ratio * with_gain + ratio * ratio * equation.variance[1]) / (gain * gain)};
         }
+        equation.torque_error = error(equation, kTorque, static_cast<Real>(covariance(0, 0)));
+        if (columns_ == 0 || gain == 0) return;
+
+        equation.effect.resize(columns_);
+        equation.effect_covariance.resize(columns_, columns_);
+        ColumnMatrix bare(columns_, columns_);
+        for (int i = 0; i < columns_; ++i)
+            equation.effect(i) =
+                static_cast<double>(equation.rls.theta()[static_cast<std::size_t>(kFixed + i)]) / gain;
+        for (int i = 0; i < columns_; ++i) {
+            for (int j = 0; j < columns_; ++j) {
+                const double a = equation.effect(i);
+                const double b = equation.effect(j);
+                equation.effect_covariance(i, j) = (covariance(i + 1, j + 1) - a * covariance(0, j + 1) -
+                                                    b * covariance(0, i + 1) + a * b * covariance(0, 0)) /
+                                                   (gain * gain);
+                bare(i, j) = static_cast<double>(
+                    p[static_cast<std::size_t>(i) + 1][static_cast<std::size_t>(kFixed - kTiming + j)]);
+            }
+        }
+        const double unit = gain * gain / static_cast<double>(equation.errors.residual_variance());
+        equation.effect_information = unit * inverse(bare);
+        equation.prior_information = unit / static_cast<double>(options_.prior_variance);
+    }
+
+    // Of a symmetric positive matrix whose scales may differ by many powers of ten.
+    static ColumnMatrix inverse(const ColumnMatrix& matrix) {
+        const ColumnVector scale = matrix.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+        const ColumnMatrix scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
+        const ColumnMatrix result = scaled.llt().solve(ColumnMatrix::Identity(matrix.rows(), matrix.cols()));
+        return scale.asDiagonal() * result * scale.asDiagonal();
     }
 
     void publish() {
         const Equation& linear = equation_[0];
         const Equation& turning = equation_[1];
-        estimate_.dynamics = {linear.rls.theta()[0], turning.rls.theta()[0], linear.rls.theta()[1],
-                              turning.rls.theta()[1]};
-        estimate_.covariance_diagonal = {linear.rls.variance(0), turning.rls.variance(0),
-                                         linear.rls.variance(1), turning.rls.variance(1)};
-        estimate_.excitation = {linear.monitor.excitation(0, linear.rls.variance(0)),
-                                turning.monitor.excitation(0, turning.rls.variance(0)),
-                                linear.monitor.excitation(1, linear.rls.variance(1)),
-                                turning.monitor.excitation(1, turning.rls.variance(1))};
-        if (estimate_.rows < kEnoughRows) return;  // errors stay unknown
-        estimate_.standard_error = {error(linear.variance[0]), error(turning.variance[0]),
-                                    error(linear.variance[1]), error(turning.variance[1])};
-        for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
-            const Real w1 = weight(linear.effect[j].variance);
-            const Real w2 = weight(turning.effect[j].variance);
-            const ColumnPlace place = places_[j];
-            estimate_.effects.parameter[place.effect][place.parameter] =
-                (w1 * linear.effect[j].value + w2 * turning.effect[j].value) / (w1 + w2);
-            estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
-                1 / std::sqrt(w1 + w2);
-        }
+        const auto& a = linear.rls;
+        const auto& b = turning.rls;
+        estimate_.dynamics = {a.theta()[kVelocityProduct], b.theta()[kVelocityProduct], a.theta()[kTorque],
+                              b.theta()[kTorque]};
+        estimate_.covariance_diagonal = {a.variance(kVelocityProduct), b.variance(kVelocityProduct),
+                                         a.variance(kTorque), b.variance(kTorque)};
+        const model::Dynamics<Real>& p = estimate_.covariance_diagonal;
+        estimate_.excitation = {linear.monitor.excitation(kVelocityProduct, p.k5_m),
+                                turning.monitor.excitation(kVelocityProduct, p.k6_per_m),
+                                linear.monitor.excitation(kTorque, p.k7_per_kg_m),
+                                turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
+        if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
+        estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
+                                    linear.torque_error, turning.torque_error};
+        publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
         const Real to_length =
             static_cast<Real>(options_.filter.geometry.track_m) * k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
-        estimate_.good_enough = k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 &&
+        estimate_.good_enough = estimate_.rows >= kRowsToJudge && k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 &&
                                 e.k7_per_kg_m <= options_.relative_standard_error * k.k7_per_kg_m &&
                                 e.k8_per_kg_m2 <= options_.relative_standard_error * k.k8_per_kg_m2 &&
                                 e.k5_m <= options_.coupling_standard_error_m &&
                                 e.k6_per_m * to_length <= options_.coupling_standard_error_m;
     }
 
-    static Real error(Real variance) { return variance > 0 ? std::sqrt(variance) : Real(0); }
-    static Real weight(Real variance) {
-        constexpr auto kNever = static_cast<Real>(1e-18);  // an equation in which the column is zero
-        return variance > kNever ? 1 / variance : (variance > 0 ? 1 / kNever : kNever);
+    void publish_effects() {
+        if (columns_ == 0) return;
+        const ColumnMatrix& one = equation_[0].effect_information;
+        const ColumnMatrix& other = equation_[1].effect_information;
+        if (one.rows() != columns_ || other.rows() != columns_) return;
+        const ColumnMatrix spread = inverse(one + other);
+        const ColumnVector value = spread * (one * equation_[0].effect + other * equation_[1].effect);
+        const ColumnMatrix covariance =
+            spread *
+            (one * equation_[0].effect_covariance * one + other * equation_[1].effect_covariance * other) *
+            spread;
+        const double prior = equation_[0].prior_information + equation_[1].prior_information;
+        for (int j = 0; j < columns_; ++j) {
+            const ColumnPlace place = places_[static_cast<std::size_t>(j)];
+            const bool known = spread(j, j) * prior < static_cast<double>(kNotExcited);
+            estimate_.effects.parameter[place.effect][place.parameter] =
+                known ? static_cast<Real>(value(j)) : Real(0);
+            estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
+                known ? static_cast<Real>(std::sqrt(std::max(covariance(j, j), 0.0)))
+                      : static_cast<Real>(kUnknownError);
+        }
+    }
+
+    Real error(const Equation& equation, int parameter, Real variance) const {
+        if (equation.rls.variance(parameter) > kNotExcited * options_.prior_variance)
+            return static_cast<Real>(kUnknownError);
+        return variance > 0 ? std::sqrt(variance) : Real(0);
     }
 
     DynamicsEstimatorOptions<Real> options_{};
@@ -236,6 +343,7 @@ class DynamicsEstimator {
     std::array<Equation, 2> equation_{};
     std::array<ColumnPlace, model::kMaxColumns> places_{};
     int columns_ = 0;
+    Real timing_memory_rows_ = 1;
     Work work_ = Work::none;
     DynamicsEstimate<Real> estimate_{};
 };

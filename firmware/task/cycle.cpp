@@ -237,7 +237,7 @@ void Cycle::obey() {
         if (supervisor_.mode() != before) host_.forget_setpoints();
         control_.enter(supervisor_.mode(), now);
         if (supervisor_.mode() == Mode::ident) {
-            learning_.start_identification(parameters_, ident_settings_, odometry_.pose());
+            learning_.start_identification(parameters_, ident_settings_, now);
             identifying_ = true;
         } else if (supervisor_.mode() == Mode::adaptive) {
             learning_.start_adaptation(parameters_, control_.plant());

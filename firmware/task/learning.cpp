@@ -1,6 +1,7 @@
 #include "firmware/task/learning.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "firmware/task/cycle_schedule.hpp"
@@ -8,7 +9,17 @@
 namespace wheelwright::task {
 namespace {
 
-constexpr std::uint32_t kExcitationSeed = 20260701;  // the same sequence in every run: a run can be repeated
+// Another sequence for each run, so that repeated runs differ as their standard errors say; the same when a
+// recorded run is replayed: drawn from the time and from the last digits of what the encoders read.
+std::uint32_t excitation_seed(const MotionInputs& now) {
+    std::uint64_t x = static_cast<std::uint64_t>(now.now_ns);
+    for (const double angle : {now.motion.wheel_angle_rad.left, now.motion.wheel_angle_rad.right}) {
+        x = (x ^ std::bit_cast<std::uint64_t>(angle)) *
+            0x9e3779b97f4a7c15U;  // golden ratio: scatters the bits
+        x ^= x >> 32U;
+    }
+    return static_cast<std::uint32_t>(x);
+}
 
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& p, double kernel_s) {
     ident::RegressionFilterOptions<double> options;
@@ -25,7 +36,7 @@ double chosen(double asked, double standard) { return asked > 0 ? asked : standa
 }  // namespace
 
 void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
-                                    const Pose<double>& pose) {
+                                    const MotionInputs& now) {
     ident::IdentificationOptions<double> options;
     auto& excitation = options.excitation;
     excitation.amplitude_Nm =
@@ -43,7 +54,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     options.estimator.coupling_standard_error_m = p.ident.coupling_standard_error_m;
     options.delay_phase_s = p.ident.delay_phase_s;
     options.duration_s = chosen(settings.duration_s, p.ident.duration_s);
-    run_.start(options, pose, kExcitationSeed);
+    run_.start(options, now.pose, excitation_seed(now));
     sample_age_s_ = sample_age_s(p);
     duration_s_ = options.duration_s;
     relative_standard_error_ = p.ident.relative_standard_error;

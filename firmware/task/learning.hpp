@@ -12,6 +12,7 @@
 #include "firmware/ident/model_guard.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
+#include "firmware/task/motion_control.hpp"
 #include "firmware/task/parameter_service.hpp"
 
 namespace wheelwright::task {
@@ -27,7 +28,7 @@ class Learning {
 
     // Settings of zero mean the robot file's value.
     void start_identification(const model::RobotParameters& parameters,
-                              const protocol::IdentSettings& settings, const Pose<double>& pose);
+                              const protocol::IdentSettings& settings, const MotionInputs& now);
     WheelPair<double> identify(const Sample& sample, const Pose<double>& pose, const Twist<double>& twist) {
         return run_.step(sample, pose, twist);
     }

@@ -4,6 +4,7 @@
 
 #include "firmware/ident/coloured_errors.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
+#include "firmware/ident/score_errors.hpp"
 #include "firmware/ident/ud_rls.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -109,6 +110,95 @@ TEST(ColouredResiduals, say_nothing_before_there_is_anything) {
     DOUBLES_EQUAL(0, errors.residual_variance(), 0);
     errors.push({1, 2}, 3);
     DOUBLES_EQUAL(0, errors.noise_variances().sensor, 0);
+}
+
+namespace {
+
+enum class Colour { white, twice_differenced, wandering, grows_with_the_regressor };
+
+// y = 0.5 slow(t) + 2 fast(t) + noise. Rms z and coverage of the 95 % intervals from the scores.
+struct Scores {
+    double slow, fast, slow_covered, fast_covered;
+};
+
+template <typename Real>
+Scores scores(Colour colour, int rows) {
+    constexpr int kTrials = 400;
+    Scores sum{};
+    std::mt19937_64 random(11);
+    std::normal_distribution<double> normal;
+    for (int trial = 0; trial < kTrials; ++trial) {
+        UdRls<Real, 2> rls;
+        rls.reset({0, 0}, {Real(1e5), Real(1e5)});
+        ScoreErrors<Real, 2> errors;
+        errors.reset();
+        double n[3] = {normal(random), normal(random), normal(random)};
+        double slow = 0;
+        double wander = 0;
+        for (int k = 0; k < rows; ++k) {
+            slow += 0.02 * normal(random) - 0.02 * 0.02 * slow;
+            const double fast = normal(random);
+            wander += 0.3 * (normal(random) - wander);
+            double noise = 0.3 * n[0];
+            if (colour == Colour::twice_differenced) noise = 0.3 * (n[0] - 2 * n[1] + n[2]) + 0.05 * wander;
+            if (colour == Colour::wandering) noise = wander;
+            if (colour == Colour::grows_with_the_regressor) noise *= std::abs(fast);
+            const std::array<Real, 2> phi{static_cast<Real>(slow), static_cast<Real>(fast)};
+            const Real variance = rls.projection(phi).variance;
+            const Real innovation = rls.update(phi, static_cast<Real>(0.5 * slow + 2 * fast + noise));
+            errors.push(phi, innovation / std::sqrt(1 + variance));
+            n[2] = n[1];
+            n[1] = n[0];
+            n[0] = normal(random);
+        }
+        const auto z = [&](int i, double truth) {
+            const std::array<Real, 2> p{rls.covariance(i, 0), rls.covariance(i, 1)};
+            return (static_cast<double>(rls.theta()[static_cast<std::size_t>(i)]) - truth) /
+                   std::sqrt(static_cast<double>(errors.covariance(p, p)));
+        };
+        const double a = z(0, 0.5);
+        const double b = z(1, 2);
+        sum.slow += a * a / kTrials;
+        sum.fast += b * b / kTrials;
+        sum.slow_covered += (std::abs(a) < 1.96 ? 1.0 : 0.0) / kTrials;
+        sum.fast_covered += (std::abs(b) < 1.96 ? 1.0 : 0.0) / kTrials;
+    }
+    sum.slow = std::sqrt(sum.slow);
+    sum.fast = std::sqrt(sum.fast);
+    return sum;
+}
+
+}  // namespace
+
+TEST_GROUP(StandardErrorsFromScores){static void expect_honest(const char* what, const Scores& s){
+    std::printf("\n  %-44s slow: rms z %.2f, covered %.3f; fast: rms z %.2f, covered %.3f", what, s.slow,
+                s.slow_covered, s.fast, s.fast_covered);
+CHECK(s.slow > 0.8 && s.slow < 1.25);
+CHECK(s.fast > 0.8 && s.fast < 1.25);
+CHECK(s.slow_covered > 0.88 && s.slow_covered < 0.99);
+CHECK(s.fast_covered > 0.88 && s.fast_covered < 0.99);
+}
+}
+;
+
+TEST(StandardErrorsFromScores, are_honest_for_colours_nobody_told_them_of) {
+    expect_honest("white", scores<double>(Colour::white, 1000));
+    expect_honest("sensor noise twice differenced, and a little more",
+                  scores<double>(Colour::twice_differenced, 2500));
+    expect_honest("noise that wanders", scores<double>(Colour::wandering, 1500));
+    expect_honest("noise that grows with the regressor",
+                  scores<double>(Colour::grows_with_the_regressor, 1000));
+    expect_honest("the same in float", scores<float>(Colour::grows_with_the_regressor, 1000));
+    std::printf("\n");
+}
+
+TEST(StandardErrorsFromScores, of_few_rows_there_are_none) {
+    ScoreErrors<double, 2> errors;
+    errors.reset();
+    for (std::uint32_t k = 1; k < errors.fewest_rows(); ++k) errors.push({1, 2}, k % 2 == 0 ? 1.0 : -1.0);
+    DOUBLES_EQUAL(0, errors.covariance({1, 0}, {1, 0}), 0);
+    errors.push({1, 2}, 1);
+    CHECK(errors.covariance({1, 0}, {1, 0}) > 0);
 }
 
 TEST_GROUP(ExcitationOfParameters){};

@@ -20,7 +20,7 @@ ident::IdentificationOptions<Real> options_for(const RobotTruth& truth) {
     o.estimator.filter.geometry = test::geometry_of(truth);
     o.estimator.filter.effects = test::all_effects<Real>();
     o.estimator.filter.sample_time_s = 0.001;
-    o.estimator.filter.kernel_s = 0.01;
+    o.estimator.filter.kernel_s = 0.0165;  // blocks of 11 ms: no common factor with the bits
     o.delay_phase_s = 4;
     o.duration_s = 24;
     o.run_full_time = true;
@@ -59,7 +59,7 @@ constexpr const char* kNames[] = {"K5", "K6", "K7", "K8"};
 TEST_GROUP(Identification){};
 
 TEST(Identification, finds_all_four_within_two_percent_with_honest_intervals) {
-    constexpr int kSeeds = 200;
+    constexpr int kSeeds = test::seeds(200);
     double mean[6]{}, square[6]{}, worst[6]{};
     int covered[6]{};
     const auto note = [&](std::size_t i, double error, double standard_error, double size) {
@@ -93,7 +93,7 @@ TEST(Identification, finds_all_four_within_two_percent_with_honest_intervals) {
                     100 * worst[i], mean[i], std::sqrt(square[i]), 100.0 * covered[i] / kSeeds);
     for (std::size_t i = 0; i < 4; ++i) {
         CHECK(worst[i] < 0.02);
-        CHECK(std::abs(mean[i]) < 0.3);
+        CHECK(std::abs(mean[i]) < 0.3 + 1 / std::sqrt(kSeeds));
         CHECK(std::sqrt(square[i]) > 0.8 && std::sqrt(square[i]) < 1.25);
         CHECK(covered[i] >= 0.88 * kSeeds);
     }
@@ -159,7 +159,7 @@ TEST(Identification, stops_by_itself_when_the_errors_are_small_enough) {
     identify(run, options, truth, 5);
     std::printf("\n  0.5 %% reached after %.1f s, 4 s of them for the delay\n", run.elapsed_s());
     CHECK(run.state() == ident::IdentState::done);
-    CHECK(run.elapsed_s() < 12);
+    CHECK(run.elapsed_s() < 16);
     CHECK(std::abs(run.estimate().dynamics.k8_per_kg_m2 / truth.k8 - 1) < 0.02);
     const WheelPair<double> after = run.step({}, {}, {});
     DOUBLES_EQUAL(0, after.left, 0);
@@ -194,6 +194,78 @@ TEST(Identification, names_the_limit_that_stopped_it) {
     run.start(options_for<double>(truth), {}, 1);
     while (!run.finished()) run.step({}, {}, {});
     CHECK(run.limit() == ident::IdentLimit::delay);
+}
+
+TEST_GROUP(SharedEffects){};
+
+namespace {
+
+// Bits that never let a wheel turn back: each equation then sees the Coulomb friction of only one combination
+// of the wheels, as a constant.
+model::EffectSet<double> drive_forward(ident::DynamicsEstimate<double>& estimate, const RobotTruth& truth) {
+    TestRobot robot(truth, 77);
+    ident::DynamicsEstimatorOptions<double> options = options_for<double>(truth).estimator;
+    options.filter.delay_s = truth.delay_s + truth.lag_s;
+    ident::DynamicsEstimator<double> estimator;
+    estimator.configure(options);
+    ident::Prbs left(ident::kPrbsLeft, 3, 20);
+    ident::Prbs right(ident::kPrbsRight, 4, 20);
+    robot.set_motion(0.6, 0.4);
+    WheelPair<double> torque{};
+    for (int k = 0; k < 30000; ++k) {
+        estimator.push({robot.angle_rad(), torque});
+        const Twist<double> u = robot.true_velocity();
+        const double forward = 0.35 + 2.0 * (0.6 - u.v_m_per_s);
+        const double turn = 0.3 * (0.4 - u.omega_rad_per_s);
+        torque = {forward - turn + 0.5 * left.next(), forward + turn + 0.5 * right.next()};
+        robot.step(torque.left, torque.right);
+    }
+    estimate = estimator.estimate();
+    return estimate.effects_standard_error;
+}
+
+}  // namespace
+
+TEST(SharedEffects, come_out_where_each_equation_knows_only_a_sum_or_a_difference) {
+    RobotTruth truth;
+    truth.coulomb_left_Nm = 0.21;
+    truth.coulomb_right_Nm = 0.43;
+    ident::DynamicsEstimate<double> estimate;
+    const auto error = drive_forward(estimate, truth);
+    const std::size_t coulomb = model::find_effect("coulomb_friction");
+    const auto& found = estimate.effects.parameter[coulomb];
+    const auto& error_of = error.parameter[coulomb];
+    std::printf(
+        "\n  wheels that never reverse: Coulomb left %.3f +- %.3f (0.21), right %.3f +- %.3f (0.43)\n",
+        found[0], error_of[0], found[1], error_of[1]);
+    CHECK(error_of[0] < 0.05 && error_of[1] < 0.05);
+    CHECK(std::abs(found[0] - 0.21) < 3.5 * error_of[0]);
+    CHECK(std::abs(found[1] - 0.43) < 3.5 * error_of[1]);
+}
+
+TEST(SharedEffects, what_was_never_excited_is_unknown) {
+    const RobotTruth truth;
+    TestRobot robot(truth, 78);
+    ident::DynamicsEstimator<double> estimator;
+    auto options = options_for<double>(truth).estimator;
+    options.filter.delay_s = truth.delay_s + truth.lag_s;
+    estimator.configure(options);
+    ident::Prbs bits(ident::kPrbsLeft, 5, 20);
+    robot.set_motion(0.5, 0);
+    WheelPair<double> torque{};
+    for (int k = 0; k < 20000; ++k) {  // straight ahead: nothing turns
+        // ideal angles, the same on both sides: no noise excites anything either
+        const double turned = robot.angle_rad().left;
+        estimator.push({{turned, turned}, torque});
+        const double level = 0.3 + 3 * (0.5 - robot.true_velocity().v_m_per_s) + 0.5 * bits.next();
+        torque = {level, level};
+        robot.step(level, level);
+    }
+    const auto& e = estimator.estimate();
+    CHECK(e.standard_error.k7_per_kg_m < 0.05);
+    DOUBLES_EQUAL(static_cast<double>(ident::kUnknownError), e.standard_error.k8_per_kg_m2, 0);
+    DOUBLES_EQUAL(static_cast<double>(ident::kUnknownError), e.standard_error.k6_per_m, 0);
+    CHECK(!e.good_enough);
 }
 
 TEST_GROUP(DelayMeasurement){};

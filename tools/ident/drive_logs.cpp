@@ -42,12 +42,20 @@ void feed(Estimator& estimator, const std::vector<DriveLog>& logs) {
     }
 }
 
-// The rows of the firmware's filter, all at once: phi = [velocity product, torque, lag, slip, columns ...] as
-// in DynamicsEstimator.
+// The rows of the firmware's filter, all at once, with the columns of DynamicsEstimator; what may wander
+// there is constant here.
 struct AllRows {
     Rows linear, turning;
 };
-enum Column : Eigen::Index { kVelocityProduct, kTorque, kLag, kSlip, kFirstEffect };
+enum Column : Eigen::Index {
+    kVelocityProduct,
+    kTorque,
+    kSpread,
+    kTiming,
+    kCrossTiming,
+    kCrossTorque,
+    kFirstEffect
+};
 
 AllRows all_rows(const std::vector<DriveLog>& logs, ident::RegressionFilterOptions<double> options,
                  double tap_spacing_s) {
@@ -73,7 +81,7 @@ AllRows all_rows(const std::vector<DriveLog>& logs, ident::RegressionFilterOptio
             place.push_back(now);
         }
     }
-    const auto fill = [&](auto&& combined, auto&& left_side, auto&& velocity_product) {
+    const auto fill = [&](auto&& combined, auto&& cross, auto&& left_side, auto&& velocity_product) {
         Rows to;
         to.phi.resize(static_cast<Eigen::Index>(rows.size()), kFirstEffect + filter.columns());
         to.y.resize(static_cast<Eigen::Index>(rows.size()));
@@ -85,8 +93,10 @@ AllRows all_rows(const std::vector<DriveLog>& logs, ident::RegressionFilterOptio
                                                combined(row.torque_Nm[2])};
             to.phi(t, kVelocityProduct) = velocity_product(row);
             to.phi(t, kTorque) = torque[1];
-            to.phi(t, kLag) = torque[0] + torque[2] - 2 * torque[1];
-            to.phi(t, kSlip) = torque[2] - torque[0];
+            to.phi(t, kSpread) = torque[0] + torque[2] - 2 * torque[1];
+            to.phi(t, kTiming) = torque[2] - torque[0];
+            to.phi(t, kCrossTiming) = cross(row.torque_Nm[2]) - cross(row.torque_Nm[0]);
+            to.phi(t, kCrossTorque) = cross(row.torque_Nm[1]);
             for (int c = 0; c < filter.columns(); ++c) {
                 to.phi(t, kFirstEffect + c) = combined(row.column[static_cast<std::size_t>(c)]);
             }
@@ -94,12 +104,14 @@ AllRows all_rows(const std::vector<DriveLog>& logs, ident::RegressionFilterOptio
         }
         return to;
     };
-    return {fill([](const WheelPair<double>& pair) { return pair.sum(); },
-                 [](const auto& row) { return row.acceleration.v_m_per_s2; },
-                 [](const auto& row) { return row.omega_squared; }),
-            fill([](const WheelPair<double>& pair) { return pair.difference(); },
-                 [](const auto& row) { return row.acceleration.omega_rad_per_s2; },
-                 [](const auto& row) { return row.v_omega; })};
+    const auto sum = [](const WheelPair<double>& pair) { return pair.sum(); };
+    const auto difference = [](const WheelPair<double>& pair) { return pair.difference(); };
+    return {fill(
+                sum, difference, [](const auto& row) { return row.acceleration.v_m_per_s2; },
+                [](const auto& row) { return row.omega_squared; }),
+            fill(
+                difference, sum, [](const auto& row) { return row.acceleration.omega_rad_per_s2; },
+                [](const auto& row) { return row.v_omega; })};
 }
 
 void report_dynamics(const ident::DynamicsEstimate<double>& e, double prior, Findings& findings) {
@@ -120,8 +132,7 @@ void report_dynamics(const ident::DynamicsEstimate<double>& e, double prior, Fin
     }
 }
 
-// Not from the recursive estimator: it weighs each equation's effects alone, which goes wrong where one
-// equation knows only a sum (all wheels turning forward) and the other only a difference.
+// From the batch, whose fit says which directions the log leaves unknown.
 void report_effects(const Fit& linear, const Fit& turning, const IdentSetup& setup, double largest_torque_Nm,
                     Findings& findings) {
     std::vector<const Fit*> fits;
