@@ -93,6 +93,7 @@ TEST(Identification, finds_all_four_within_two_percent_with_honest_intervals) {
                     100 * worst[i], mean[i], std::sqrt(square[i]), 100.0 * covered[i] / kSeeds);
     for (std::size_t i = 0; i < 4; ++i) {
         CHECK(worst[i] < 0.02);
+        if (!test::all_seeds()) continue;
         CHECK(std::abs(mean[i]) < 0.3 + 1 / std::sqrt(kSeeds));
         CHECK(std::sqrt(square[i]) > 0.8 && std::sqrt(square[i]) < 1.25);
         CHECK(covered[i] >= 0.88 * kSeeds);

@@ -10,17 +10,9 @@
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
+#include "tests/support/seeds.hpp"
 
 namespace wheelwright::test {
-
-// Seeds of a Monte Carlo; a tenth of them where the sanitizers watch, which are after other mistakes.
-constexpr int seeds(int number) {
-#ifdef WHEELWRIGHT_SANITIZED
-    return number < 10 ? 1 : number / 10;
-#else
-    return number;
-#endif
-}
 
 struct RobotTruth {
     double radius_m = 0.075;

@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <random>
 
+#include "tests/support/seeds.hpp"
 #include "tools/ident/regression.hpp"
 //
 #include <CppUTest/TestHarness.h>
@@ -37,7 +38,7 @@ tools::Rows coloured_rows(unsigned seed, Eigen::Index count, double difference, 
 
 double covered_percent(double difference, double drift) {
     int inside = 0;
-    constexpr int kSeeds = 200;
+    constexpr int kSeeds = wheelwright::test::seeds(200);
     for (unsigned seed = 1; seed <= kSeeds; ++seed) {
         const tools::Fit fit = tools::least_squares(coloured_rows(seed, 800, difference, drift));
         inside += std::abs(fit.theta(0) - 2) < 1.96 * std::sqrt(fit.covariance(0, 0)) ? 1 : 0;
@@ -60,7 +61,7 @@ TEST(LogRegression, IntervalsCoverWhateverTheColour) {
         "(both)\n",
         white, differenced, drifting, both);
     for (const double covered : {white, differenced, drifting, both}) {
-        CHECK(covered > 88);
+        CHECK(covered > (wheelwright::test::all_seeds() ? 88 : 70));
         CHECK(covered <= 100);
     }
 }
