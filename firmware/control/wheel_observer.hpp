@@ -255,15 +255,14 @@ class WheelObserver {
         wheel.newest = (wheel.newest + 1) % kSampleMemory;
         wheel.samples[wheel.newest] = {wheel.smoothed_ns, sample.position_rad};
         const Real age = seconds(now_ns - wheel.smoothed_ns);
+        wheel.count = std::min(wheel.count + 1, kSampleMemory);
         if (restart) {
-            wheel.count = 1;
             wheel.heard = true;
             wheel.speed = Real(sample.speed_rad_per_s);
             wheel.error = 0;
             wheel.angle = Real(sample.position_rad - wheel.base) + wheel.speed * age;
             return;
         }
-        wheel.count = std::min(wheel.count + 1, kSampleMemory);
         const Real then = wheel.angle - age * (wheel.speed - acceleration * age / 2);
         const Real innovation = Real(sample.position_rad - wheel.base) - then;
         wheel.angle += gains_.angle * innovation;
@@ -290,6 +289,7 @@ class WheelObserver {
         wheel.strange_samples = std::abs(off) > period_ns_ * 9 / 20 ? wheel.strange_samples + 1 : 0;
         if (restart || wheel.strange_samples > lost_samples) {
             wheel.smoothed_ns = time_ns;
+            wheel.count = 0;  // the samples before bear another clock's times
             wheel.off_sum_ns = 0;
             wheel.smoothed_samples = 0;
             wheel.strange_samples = 0;

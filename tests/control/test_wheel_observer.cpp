@@ -186,3 +186,38 @@ TEST(WheelObserver, StartsAnewAfterAGapAndSurvivesMissedCycles) {
     DOUBLES_EQUAL(rig.robot.speed_left(), rig.observer.motion().wheel_speed_rad_per_s.left, 0.2);
     DOUBLES_EQUAL(rig.robot.wheel_left, rig.observer.motion().wheel_angle_rad.left, 5e-3);
 }
+
+TEST(WheelObserver, AFrameSoLateThatItCountsForTheNextSpoilsNoAngleLater) {
+    const auto parameters = bench::notes_robot();
+    const auto model = plant_model<double>(parameters);
+    constexpr double kSpeed_rad_per_s = 10;
+    double worst_rad = 0;
+    int found = 0;
+    for (const std::int64_t late_ns : {780'000, 850'000, 920'000}) {
+        WheelObserver<double> observer;
+        observer.configure(wheel_observer_settings<double>(parameters, 1e-3));
+        for (int k = 1; k < 600; ++k) {
+            const std::int64_t now_ns = 1'000'000'000 + 1'000'000LL * k;
+            EncoderSample sample;
+            sample.time_ns = now_ns - 950'000;
+            sample.position_rad = kSpeed_rad_per_s * 1e-9 * static_cast<double>(sample.time_ns);
+            sample.speed_rad_per_s = kSpeed_rad_per_s;
+            if (k == 300) sample.time_ns += late_ns;
+            observer.update(now_ns, sample, sample, model);
+            observer.torque_sent({0, 0});
+            for (std::int64_t ago_ns = 2'000'000; ago_ns < 5'000'000 && k >= 300; ago_ns += 100'000) {
+                WheelPair<double> angles;
+                if (!observer.angles_at(now_ns - ago_ns, angles)) continue;
+                ++found;
+                const double truth_rad = kSpeed_rad_per_s * 1e-9 * static_cast<double>(now_ns - ago_ns);
+                CHECK(std::isfinite(angles.left) && std::isfinite(angles.right));
+                worst_rad = std::max(
+                    {worst_rad, std::abs(angles.left - truth_rad), std::abs(angles.right - truth_rad)});
+            }
+        }
+    }
+    std::printf("\n  angle off by %.1f mrad at most; it turns %.1f mrad in a period\n", 1e3 * worst_rad,
+                kSpeed_rad_per_s);
+    CHECK(found > 20'000);
+    CHECK(worst_rad < 1.5e-3 * kSpeed_rad_per_s);
+}
