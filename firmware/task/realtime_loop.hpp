@@ -32,8 +32,11 @@ void run_cycles(Cycle& cycle, hal::Clock& clock, LoopStatistics& statistics, std
         cycle.think(time);
         const std::int64_t thought_ns = clock.now_ns();
         const std::int64_t phase_ns = time.scheduled_ns + cycle.send_phase_ns();
-        if (thought_ns < phase_ns) clock.sleep_until_ns(phase_ns);
-        const std::int64_t sending_ns = clock.now_ns();
+        std::int64_t sending_ns = thought_ns;
+        if (thought_ns < phase_ns) {
+            clock.sleep_until_ns(phase_ns);
+            sending_ns = clock.now_ns();
+        }
         cycle.send(sending_ns);
         const std::int64_t computing_ns = (thought_ns - time.woken_ns) + (clock.now_ns() - sending_ns);
         schedule.end(computing_ns);

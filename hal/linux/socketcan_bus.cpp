@@ -139,6 +139,17 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
     return bus;
 }
 
+SocketCanBus::SocketCanBus(int socket) : socket_(socket) {
+    for (std::size_t i = 0; i < batch; ++i) {
+        pieces_[i] = {&incoming_[i].raw, sizeof incoming_[i].raw};
+        messages_[i] = mmsghdr{};
+        messages_[i].msg_hdr.msg_iov = &pieces_[i];
+        messages_[i].msg_hdr.msg_iovlen = 1;
+        messages_[i].msg_hdr.msg_control = incoming_[i].control.data();
+        messages_[i].msg_hdr.msg_controllen = incoming_[i].control.size();
+    }
+}
+
 SocketCanBus::~SocketCanBus() { ::close(socket_); }
 
 CanStatus SocketCanBus::send(const CanFrame& frame) {
@@ -188,29 +199,38 @@ CanStatus SocketCanBus::send(const CanFrame& frame) {
     return status;
 }
 
-CanStatus SocketCanBus::receive(ReceivedFrame& out) {
-    canfd_frame raw;
-    iovec piece{&raw, sizeof raw};
-    alignas(cmsghdr) std::array<char, CMSG_SPACE(sizeof(timespec)) + CMSG_SPACE(sizeof(std::uint32_t))>
-        control;
-    msghdr message{};
-    ssize_t size = -1;
+// Many frames in one system call: it costs more than all that is done with a frame.
+bool SocketCanBus::take_waiting() {
+    for (std::size_t i = 0; i < waiting_; ++i) {  // the kernel has put in how much it wrote
+        messages_[i].msg_hdr.msg_controllen = incoming_[i].control.size();
+    }
+    next_ = 0;
+    waiting_ = 0;
+    int taken = -1;
     // When the interface goes down the socket says so once, before the frames that still wait.
     for (int attempt = 0; attempt < 2; ++attempt) {
-        message = msghdr{};
-        message.msg_iov = &piece;
-        message.msg_iovlen = 1;
-        message.msg_control = control.data();
-        message.msg_controllen = control.size();
-        size = recvmsg(socket_, &message, MSG_DONTWAIT);
-        if (size >= 0 || (errno != ENETDOWN && errno != ENODEV && errno != EINTR)) {
+        taken = recvmmsg(socket_, messages_.data(), batch, MSG_DONTWAIT, nullptr);
+        if (taken >= 0 || (errno != ENETDOWN && errno != ENODEV && errno != EINTR)) {
             break;
         }
         down_ = down_ || errno != EINTR;
     }
-    if (size != ssize_t{CAN_MTU} && size != ssize_t{CANFD_MTU}) {
+    if (taken <= 0) {
+        return false;
+    }
+    waiting_ = static_cast<std::size_t>(taken);
+    return true;
+}
+
+CanStatus SocketCanBus::receive(ReceivedFrame& out) {
+    if (next_ == waiting_ && !take_waiting()) {
+        clocks_read_ = false;
         return down_ || bus_off_ ? CanStatus::bus_down : CanStatus::would_block;
     }
+    const canfd_frame& raw = incoming_[next_].raw;
+    const std::size_t size = messages_[next_].msg_len;
+    msghdr& message = messages_[next_].msg_hdr;
+    ++next_;
 
     bool stamped = false;
     for (cmsghdr* part = CMSG_FIRSTHDR(&message); part != nullptr; part = CMSG_NXTHDR(&message, part)) {
@@ -238,7 +258,7 @@ CanStatus SocketCanBus::receive(ReceivedFrame& out) {
     frame.extended = !frame.error && (raw.can_id & CAN_EFF_FLAG) != 0;
     frame.remote = !frame.error && (raw.can_id & CAN_RTR_FLAG) != 0;
     frame.id = raw.can_id & (frame.extended || frame.error ? CAN_EFF_MASK : CAN_SFF_MASK);
-    frame.fd = size == ssize_t{CANFD_MTU};
+    frame.fd = size == CANFD_MTU;
     frame.bit_rate_switch = frame.fd && (raw.flags & CANFD_BRS) != 0;
     frame.length = std::min(raw.len, static_cast<std::uint8_t>(frame.fd ? CANFD_MAX_DLEN : CAN_MAX_DLEN));
     std::memcpy(frame.data.data(), raw.data, frame.length);
@@ -267,12 +287,18 @@ void SocketCanBus::note_error_class(std::uint32_t error_class) {
 // never comes out before the frame. When somebody has set the clock between stamp and now, the age by the old
 // offset and by the new one differ by the step: the true one is not negative, and is the smaller (a frame
 // does not wait here for longer than a clock is set by).
+//
+// Frames that waited together share one reading, which must not be older than the frame.
 std::int64_t SocketCanBus::to_monotonic_ns(std::int64_t stamp_realtime_ns) {
     constexpr std::int64_t step_ns = 1'000'000;
-    const std::int64_t realtime_ns = read_clock_ns(CLOCK_REALTIME);
-    const std::int64_t monotonic_ns = read_clock_ns(CLOCK_MONOTONIC);
-    const std::int64_t change_ns = realtime_ns - monotonic_ns - realtime_offset_ns_;
-    const std::int64_t age_then_ns = monotonic_ns + realtime_offset_ns_ - stamp_realtime_ns;
+    std::int64_t change_ns = 0;
+    if (!clocks_read_ || stamp_realtime_ns > realtime_ns_) {
+        realtime_ns_ = read_clock_ns(CLOCK_REALTIME);
+        monotonic_ns_ = read_clock_ns(CLOCK_MONOTONIC);
+        clocks_read_ = true;
+        change_ns = realtime_ns_ - monotonic_ns_ - realtime_offset_ns_;
+    }
+    const std::int64_t age_then_ns = monotonic_ns_ + realtime_offset_ns_ - stamp_realtime_ns;
     std::int64_t age_ns = age_then_ns;
     if (change_ns > -step_ns && change_ns < step_ns) {
         realtime_offset_ns_ += change_ns / 16;
@@ -284,7 +310,7 @@ std::int64_t SocketCanBus::to_monotonic_ns(std::int64_t stamp_realtime_ns) {
         }
     }
     // Never in the future, never before an earlier frame.
-    last_timestamp_ns_ = std::max(last_timestamp_ns_, monotonic_ns - std::max<std::int64_t>(age_ns, 0));
+    last_timestamp_ns_ = std::max(last_timestamp_ns_, monotonic_ns_ - std::max<std::int64_t>(age_ns, 0));
     return last_timestamp_ns_;
 }
 

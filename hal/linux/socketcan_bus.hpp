@@ -13,6 +13,10 @@
 // controller reports a restart. A controller that is bus-off stays so unless `restart-ms` is set.
 #pragma once
 
+#include <linux/can.h>
+#include <sys/socket.h>
+
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -51,12 +55,20 @@ class SocketCanBus final : public CanBus {
     // Whether FD frames can be sent.
     bool carries_fd() const { return fd_frames_; }
 
-    // For poll() and the like; the bus keeps owning it.
+    // For poll() and the like, once receive() has said that no frame waits; the bus keeps owning it.
     int descriptor() const { return socket_; }
 
   private:
-    explicit SocketCanBus(int socket) : socket_(socket) {}
+    explicit SocketCanBus(int socket);
 
+    static constexpr std::size_t batch = 16;
+    struct Incoming {
+        canfd_frame raw;
+        alignas(cmsghdr)
+            std::array<char, CMSG_SPACE(sizeof(timespec)) + CMSG_SPACE(sizeof(std::uint32_t))> control;
+    };
+
+    bool take_waiting();
     std::int64_t to_monotonic_ns(std::int64_t stamp_realtime_ns);
     void note_error_class(std::uint32_t error_class);
 
@@ -67,6 +79,14 @@ class SocketCanBus final : public CanBus {
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
     std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC
     std::int64_t last_timestamp_ns_ = 0;
+    std::array<Incoming, batch> incoming_;
+    std::array<iovec, batch> pieces_;
+    std::array<mmsghdr, batch> messages_;
+    std::size_t next_ = 0;      // of those taken from the kernel
+    std::size_t waiting_ = 0;   // so many were taken
+    bool clocks_read_ = false;  // both clocks, since the queue was last seen empty
+    std::int64_t realtime_ns_ = 0;
+    std::int64_t monotonic_ns_ = 0;
     CanStatistics statistics_;
 };
 
