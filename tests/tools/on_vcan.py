@@ -39,6 +39,7 @@ class Firmware(threading.Thread):
         self.received = []  # (time, name, data)
         self.state, self.blocker = 1, 0
         self.value = 5.0
+        self.refusal = 0  # a blocker: modes are not entered
         self.running = True
         self.start()
 
@@ -59,7 +60,8 @@ class Firmware(threading.Thread):
             name, data = NAMES.get(number), data[:length]
             self.received.append((time.monotonic(), name, data))
             if name == "ModeCommand":
-                self.state, self.blocker = (self.state, 6) if data[2] == 7 else (data[2], 0)
+                blocker = 6 if data[2] == 7 else self.refusal
+                self.state, self.blocker = (self.state if blocker else data[2], blocker)
             elif name == "EmergencyStop":
                 self.state = 8
             elif name == "ClearFault":
@@ -118,6 +120,15 @@ class OnVcan(unittest.TestCase):
             if after - before < 0.5:
                 self.assertNotEqual(first[1] & 15, second[1] & 15)
 
+    def test_a_mode_asked_for_by_one_call_after_another_never_repeats_the_counter(self):
+        for _ in range(3):  # idle at the end of one call, torque at the beginning of the next
+            self.assertEqual(run("ctl", "--can", "vcan0", "torque", "0", "0", "--enter", "--for", "0.5")[0], 0)
+        frames = self.firmware.of("ModeCommand", 6)
+        self.assertEqual([data[2] for _, data in frames], [2, 1] * 3)
+        for (before, first), (after, second) in zip(frames, frames[1:]):
+            if after - before < 0.5:
+                self.assertNotEqual(first[1] & 15, second[1] & 15)
+
     def test_setpoints_are_repeated_at_their_rate_with_running_counters(self):
         status, _, err = run("ctl", "--can", "vcan0", "velocity", "0.25", "-0.5", "--for", "1", "--enter")
         self.assertEqual((status, err), (0, ""))
@@ -129,6 +140,20 @@ class OnVcan(unittest.TestCase):
         self.assertEqual(struct.unpack("<hh", frames[0][1][2:6]), (500, -500))
         run("ctl", "--can", "vcan0", "torque", "1", "2", "--for", "0.5", "--rate", "100")
         self.assertTrue(25 <= len(self.firmware.of("TorqueCommand", 25)) <= 52)
+
+    def test_repetition_ends_when_the_mode_is_refused_or_left(self):
+        arguments = ("ctl", "--can", "vcan0", "velocity", "0.25", "0", "--for", "20", "--enter")
+        self.firmware.refusal = 2  # fault_latched
+        status, out, err = run(*arguments)
+        self.assertEqual((status, out), (3, ""))
+        self.assertIn("the robot did not enter velocity: state idle, blocked by fault_latched", err)
+        self.firmware.refusal = 0
+        process = subprocess.Popen([PROGRAM, *arguments], stderr=subprocess.PIPE, text=True)
+        self.firmware.of("VelocityCommand", 30)
+        self.firmware.state = MODES.index("fault")
+        self.assertEqual(process.wait(5), 3)
+        self.assertIn("the robot has left velocity: state fault", process.stderr.read())
+        process.stderr.close()
 
     def test_ctrl_c_ends_repetition(self):
         process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "torque", "0", "0"])

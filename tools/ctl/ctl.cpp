@@ -18,6 +18,7 @@ namespace wheelwright::tools {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
+constexpr std::int64_t kLongestArming_ns = 4 * kSecond_ns;
 // Alive counters of separate calls come from the clock, one step in so many nanoseconds; a round of 15 is
 // longer than the 500 ms over which the firmware remembers the last one.
 constexpr std::int64_t kAliveSlot_ns = 40'000'000;
@@ -63,10 +64,13 @@ class Link {
     // kDone, or the exit status.
     int open() {
         int status = kDone;
+        first_alive_ = options_.alive >= 0 ? static_cast<std::uint8_t>(options_.alive) : alive_of_slot();
         bus_ = open_can(options_.interface, status);
-        first_alive_ = static_cast<std::uint8_t>(
-            options_.alive >= 0 ? options_.alive
-                                : (can_now_ns() / kAliveSlot_ns) % std::int64_t{protocol::alive_count});
+        if (bus_ != nullptr) {
+            constexpr std::uint32_t kWhole = 0x7FF;
+            bus_->set_filters(std::array{hal::CanFilter{protocol::Status::id, kWhole, false},
+                                         hal::CanFilter{protocol::ParameterReply::id, kWhole, false}});
+        }
         return status;
     }
 
@@ -75,7 +79,7 @@ class Link {
 
     int send(const Command& command) {
         hal::CanFrame frame;
-        if (const std::string wrong = command.make(next_alive(command.name), frame); !wrong.empty()) {
+        if (const std::string wrong = command.make(next_alive(command), frame); !wrong.empty()) {
             return complain(kUsage, wrong);
         }
         if (const std::string failed = send_frame(*bus_, frame); !failed.empty()) {
@@ -108,12 +112,25 @@ class Link {
     }
 
   private:
-    std::uint8_t next_alive(const std::string& name) {
+    static std::uint8_t alive_of_slot() {
+        return static_cast<std::uint8_t>((can_now_ns() / kAliveSlot_ns) %
+                                         std::int64_t{protocol::alive_count});
+    }
+
+    // Set-points count up. What comes once has the counter of its slot, and each slot serves one such frame
+    // of a kind, so that no call repeats what another one has sent just before.
+    std::uint8_t next_alive(const Command& command) {
         for (auto& [known, alive] : alive_) {
-            if (known == name) return alive = protocol::next_alive(alive);
+            if (known != command.name) continue;
+            if (command.period_s > 0 || options_.alive >= 0) return alive = protocol::next_alive(alive);
+            while (alive_of_slot() == alive) leave_slot();
+            return alive = alive_of_slot();
         }
-        alive_.emplace_back(name, first_alive_);
-        return first_alive_;
+        // Frames that belong together begin with one counter.
+        const bool counts = command.period_s > 0 || options_.alive >= 0;
+        const std::uint8_t first = counts ? first_alive_ : alive_of_slot();
+        alive_.emplace_back(command.name, first);
+        return first;
     }
 
     const Options& options_;
@@ -146,7 +163,7 @@ std::string status_text(const protocol::Status& status) {
 // Waits until the state is `wanted`. Arming the drives takes a while; a refusal is final.
 int await_state(Link& link, protocol::Mode wanted) {
     std::int64_t deadline_ns = can_now_ns() + kSecond_ns;
-    const std::int64_t last_ns = can_now_ns() + 4 * kSecond_ns;
+    const std::int64_t last_ns = can_now_ns() + kLongestArming_ns;
     const std::int64_t settled_ns = can_now_ns() + kSecond_ns / 4;
     std::optional<protocol::Status> last;
     while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
@@ -188,6 +205,55 @@ int send_mode(const Options& options, protocol::Mode mode) {
     return result;
 }
 
+// Follows the robot into a mode and through it while set-points are repeated. Arming the drives takes a
+// while; a refusal is final, and so is that the robot has left the mode again.
+class ModeWatch {
+  public:
+    ModeWatch(protocol::Mode wanted, std::int64_t asked_ns) : wanted_(wanted), asked_ns_(asked_ns) {}
+
+    // What Status says until `deadline_ns`; false as soon as there is no need to go on.
+    bool follow(Link& link, std::int64_t deadline_ns) {
+        while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
+            last_ = status;
+            heard_ns_ = can_now_ns();
+            if (status->state == wanted_) {
+                entered_ = true;
+            } else if (entered_) {
+                return false;
+            } else if (heard_ns_ > asked_ns_ + kSecond_ns / 4) {
+                const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
+                                    status->blocker == protocol::Blocker::none;
+                if (!arming || heard_ns_ > asked_ns_ + kLongestArming_ns) return false;
+            }
+        }
+        return true;
+    }
+
+    bool in_fault() const { return last_.has_value() && last_->state == protocol::Mode::fault; }
+
+    // What became of it.
+    int result() const {
+        if (!last_.has_value()) {
+            return complain(kAimMissed,
+                            "sent, but no Status frame came back: is the firmware running there?");
+        }
+        if (can_now_ns() > heard_ns_ + kSecond_ns / 2) {
+            return complain(kAimMissed, "the firmware has gone: its Status frames have ceased");
+        }
+        if (last_->state == wanted_) return kDone;
+        return complain(kAimMissed,
+                        std::string(entered_ ? "the robot has left " : "the robot did not enter ") +
+                            std::string(to_string_view(wanted_)) + ": " + status_text(*last_));
+    }
+
+  private:
+    protocol::Mode wanted_;
+    std::int64_t asked_ns_;
+    bool entered_ = false;
+    std::optional<protocol::Status> last_;
+    std::int64_t heard_ns_ = 0;
+};
+
 // Sends a command once, or a set-point again and again; with --enter in its mode, and idle at the end.
 int send_commands(const Options& options, const std::vector<Command>& commands,
                   std::optional<protocol::Mode> mode, bool repeat_by_default) {
@@ -208,22 +274,34 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     const std::int64_t end_ns =
         options.for_s > 0 ? begin_ns + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
     std::int64_t due_ns = begin_ns;
-    bool entered = !options.enter || !mode.has_value();
+    const bool enter = options.enter && mode.has_value();
+    std::optional<ModeWatch> watch;
     do {
         for (const Command& command : commands) {
             if (const int status = link.send(command); status != kDone) return status;
         }
-        if (!entered) {
+        if (enter && !watch.has_value()) {
+            link.forget_received();
             if (const int status = link.send(mode_command(*mode)); status != kDone) return status;
-            entered = true;
+            watch.emplace(*mode, can_now_ns());
         }
         if (!repeat) break;
         due_ns += static_cast<std::int64_t>(period_s * 1e9);
-        sleep_until(std::min(due_ns, end_ns));
+        if (enter && !options.no_wait) {
+            if (!watch->follow(link, std::min(due_ns, end_ns))) break;
+        } else {
+            sleep_until(std::min(due_ns, end_ns));
+        }
     } while (!interrupted() && can_now_ns() < end_ns);
-    if (repeat && options.enter && mode.has_value()) return link.send(mode_command(protocol::Mode::idle));
+    int result = kDone;
+    if (enter && !options.no_wait) result = repeat ? watch->result() : await_state(link, *mode);
+    // In a fault it would be refused, and hide what was refused before.
+    if (enter && repeat && !watch->in_fault()) {
+        const int status = link.send(mode_command(protocol::Mode::idle));
+        if (result == kDone) result = status;
+    }
     Link::leave_slot();
-    return kDone;
+    return result;
 }
 
 Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value) {
@@ -577,7 +655,8 @@ void add_ctl(CLI::App& program, Run& run) {
     ctl->footer(
         "Set-points (torque, velocity, goal, reference) are repeated until --for is over or Ctrl-C, as the\n"
         "robot stops when they cease; with --enter the matching mode is asked for first, and idle at the\n"
-        "end. Write negative numbers as -0.5, not -.5.\n"
+        "end, which comes early when the robot refuses or leaves the mode. Write negative numbers as -0.5, "
+        "not -.5.\n"
         "Exit status 3: sent, but the robot did not do it, and why.");
     ctl->add_option("--can", options->interface, "CAN interface")->capture_default_str();
     ctl->add_flag("--print", options->print, "Print the cansend lines instead of sending");
@@ -589,7 +668,7 @@ void add_ctl(CLI::App& program, Run& run) {
     ctl->add_option("--for", options->for_s, "Seconds to repeat")->check(CLI::PositiveNumber);
     ctl->add_flag("--enter", options->enter, "Ask for the command's mode too, and for idle at the end");
     ctl->add_flag("--no-wait", options->no_wait,
-                  "Do not wait for the robot's answer to mode, stop and clear");
+                  "Do not wait for the robot's answer to mode, stop, clear and --enter");
     add_mode(ctl, options, run);
     add_torque(ctl, options, run);
     add_velocity(ctl, options, run);
