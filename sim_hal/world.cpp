@@ -115,7 +115,7 @@ void World::run_events_to(std::int64_t until_ns, std::int64_t now_ns) {
         } else {
             move_torque_to(next_ns);
         }
-        port_.late = now_ns - next_ns > kOverdue_ns;
+        port_.late = now_ns - next_ns > options_.latest_ns;
         if (drives_[0].next_event_ns() == next_ns) {
             drives_[0].run_event(plant_.wheel_angle_rad().left, plant_.wheel_speed_rad_per_s().left, port_);
         }

@@ -47,6 +47,8 @@ struct WorldOptions {
     double external_pose_noise_m = 0.002;
     double external_heading_noise_rad = 0.004;
     double external_pose_delay_s = 0;
+    // In real time: a frame that would leave later than this is dropped, as its time would be wrong.
+    std::int64_t latest_ns = 500'000;
 };
 
 struct ExternalPose {
@@ -72,9 +74,8 @@ class World {
     World& operator=(const World&) = delete;
 
     // Takes the waiting frames in order, each at its timestamp (or now, when that has passed), and runs the
-    // world up to `now_ns`. Frames the robot sends leave during the call; those more than 3 ms overdue,
-    // after a pause of the machine, are dropped: a bus carries a frame within that, and one that came later
-    // would carry a wrong time.
+    // world up to `now_ns`. Frames the robot sends leave during the call; those overdue by more than the
+    // options say, after a pause of the machine, are dropped.
     void pump(std::int64_t now_ns);
 
     // The same, but the body stays where the last event was: cheaper when nobody looks at it now.
@@ -110,7 +111,6 @@ class World {
 
   private:
     static constexpr std::int64_t kLongestStep_ns = 500'000;
-    static constexpr std::int64_t kOverdue_ns = 3'000'000;
 
     class Port final : public drivers::FrameSink {
       public:

@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "hal/linux/realtime.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/showcase/demo_page.hpp"
@@ -25,6 +26,7 @@ struct Options {
     std::string out = "build/demo";
     std::string json;
     std::uint64_t seed = 1;
+    std::int64_t rest_us = 50;
 };
 
 // One line that grows while a stage works; on a terminal it is drawn again and again.
@@ -68,6 +70,13 @@ std::string text(const char* format, auto... values) {
     return buffer;
 }
 
+// The words given, unless a fault stopped the robot.
+std::string outcome(const Simulation& sim, const std::string& words) {
+    const protocol::Fault fault = sim.cycle().supervisor().fault();
+    if (fault == protocol::Fault::none) return words;
+    return "stopped by the fault " + std::string(to_string_view(fault));
+}
+
 int demo(const Options& options) {
     task::RobotFile robot;
     task::RobotFile plant;
@@ -82,6 +91,7 @@ int demo(const Options& options) {
     settings.seed = options.seed;
     settings.world = world_options(plant.simulation, options.seed);
     settings.can_interface = options.interface;
+    settings.rest_ns = 1000 * options.rest_us;
 
     std::printf(
         "The firmware drives a simulated robot whose mass, inertia, friction and delays it does not know: "
@@ -92,7 +102,18 @@ int demo(const Options& options) {
         options.interface.empty() ? "an in-process bus, in virtual time"
                                   : (options.interface + ", in real time").c_str());
 
+    const bool real_time = !options.interface.empty();
+    if (real_time) {
+        hal::RealtimeOptions realtime;
+        realtime.priority = robot.parameters.realtime.priority;
+        // It runs without, but a busy machine is then too late for some cycles.
+        for (const hal::Refusal& refusal : hal::become_realtime(realtime)) {
+            std::fprintf(stderr, "wheelwright demo: %s\n", refusal.sentence().c_str());
+        }
+    }
+
     MainJob job;
+    std::int64_t missed_cycles = 0;
     try {
         Simulation sim(robot.parameters, plant.parameters, settings);
         sim.run_for(0.5);
@@ -104,29 +125,35 @@ int demo(const Options& options) {
                           ? text("%.0f s of driving within %.2f m of the start; delay %.2f ms",
                                  job.identification.duration_s, job.identification.farthest_m,
                                  1e3 * job.identification.delay_s)
-                          : std::string("stopped before the standard errors were small enough"));
+                          : outcome(sim, "stopped before the standard errors were small enough"));
         }
         if (job.identification.succeeded) {
             ProgressLine tune(2, "Tune: velocity loops from the identified model");
             job.tune(sim);
-            tune.done(text("steps settle in %.0f ms (speed) and %.0f ms (yaw rate); phase margin %.0f deg",
-                           1e3 * job.speed_step.settling_s, 1e3 * job.yaw_step.settling_s,
-                           job.design.phase_margin_deg));
+            tune.done(outcome(
+                sim, text("steps settle in %.0f ms (speed) and %.0f ms (yaw rate); phase margin %.0f deg",
+                          1e3 * job.speed_step.settling_s, 1e3 * job.yaw_step.settling_s,
+                          job.design.phase_margin_deg)));
             ProgressLine path(3, "Drive: figure-8 from a start one metre off the path");
             job.drive(sim, std::ref(path));
-            path.done(text("three laps within %.1f mm RMS, %.1f mm at worst", 1e3 * job.figure_eight.rms_m,
-                           1e3 * job.figure_eight.peak_m));
+            path.done(outcome(sim, text("three laps within %.1f mm RMS, %.1f mm at worst",
+                                        1e3 * job.figure_eight.rms_m, 1e3 * job.figure_eight.peak_m)));
             ProgressLine load(4, "Adapt: a payload of +30 % is dropped on the robot");
             job.adapt(sim, std::ref(load));
-            load.done(text("3 s later K7 is known to %.1f %%, K8 to %.1f %%", 100 * std::abs(job.k7_error),
-                           100 * std::abs(job.k8_error)));
+            load.done(outcome(sim, text("3 s later K7 is known to %.1f %%, K8 to %.1f %%",
+                                        100 * std::abs(job.k7_error), 100 * std::abs(job.k8_error))));
         }
+        missed_cycles = sim.missed_cycles();
     } catch (const std::runtime_error& error) {
         std::fprintf(stderr, "wheelwright demo: %s\n", error.what());
         return kMachineLacks;
     }
 
-    const Report report = job.report();
+    Report report = job.report();
+    if (real_time) {
+        report.section("real_time", "Real time on " + options.interface);
+        report.add("missed_cycles", "cycles for which this machine was too late", missed_cycles);
+    }
     std::printf("\n");
     if (!report.publish(options.json)) return kMachineLacks;
     try {
@@ -159,6 +186,12 @@ void add_demo(CLI::App& program, Run& run) {
         ->capture_default_str();
     command->add_option("--seed", options->seed, "Seed of noise and phases")->capture_default_str();
     command->add_option("--out", options->out, "Folder of the report")->capture_default_str();
+    command
+        ->add_option("--rest", options->rest_us,
+                     "With --can: microseconds between two looks of the robot at the bus; more of them spare "
+                     "a slow machine")
+        ->check(CLI::Range(0, 10'000))
+        ->capture_default_str();
     command->add_option("--json", options->json, "Also write the figures to this file");
     command->callback([options, &run] { run = [options] { return demo(*options); }; });
 }

@@ -203,7 +203,7 @@ report::Page demo_page(const MainJob& job, const std::string& interface) {
         {{"K7 identified", text("%+.2f %%", 100 * (e.dynamics.k7_per_kg_m / job.truth.k7_per_kg_m - 1)),
           "against the truth", tone(job.identification.succeeded)},
          {"settling time", text("%.0f ms", 1e3 * job.speed_step.settling_s), "step of 0.15 m/s",
-          tone(job.speed_step.settling_s <= 0.05)},
+          tone(job.settles_in_time())},
          {"figure-8", text("%.1f mm", 1e3 * job.figure_eight.rms_m),
           text("RMS; at worst %.1f mm", 1e3 * job.figure_eight.peak_m),
           tone(job.figure_eight.rms_m <= 0.005 && job.figure_eight.peak_m <= 0.015)},

@@ -6,7 +6,6 @@ namespace wheelwright::tools {
 namespace {
 
 constexpr double kIdentificationAim = 0.02;  // relative
-constexpr double kSettlingAim_s = 0.05;
 constexpr double kRmsAim_m = 0.005;
 constexpr double kPeakAim_m = 0.015;
 constexpr double kAdaptationAim = 0.05;  // relative, 3 s after the change
@@ -34,6 +33,7 @@ void MainJob::identify(Simulation& sim, const Progress& progress) {
 }
 
 void MainJob::tune(Simulation& sim) {
+    settling_aim_s = sim.parameters().velocity_loop.settling_time_s;
     design = sim.cycle().control().design().result();
     speed_step = velocity_step(sim, {speed_step_m_per_s, 0});
     yaw_step = velocity_step(sim, {0, yaw_step_rad_per_s});
@@ -78,14 +78,18 @@ void MainJob::adapt(Simulation& sim, const Progress& progress) {
     adaptive = track(sim, options, progress);
 }
 
+bool MainJob::settles_in_time() const {
+    return speed_step.settling_s > 0 && speed_step.settling_s <= settling_aim_s && yaw_step.settling_s > 0 &&
+           yaw_step.settling_s <= settling_aim_s;
+}
+
 bool MainJob::reached_its_aims() const {
     const model::Dynamics<double>& k = identification.estimate.dynamics;
     return identification.succeeded && std::abs(relative(k.k5_m, truth.k5_m)) <= kIdentificationAim &&
            std::abs(relative(k.k6_per_m, truth.k6_per_m)) <= kIdentificationAim &&
            std::abs(relative(k.k7_per_kg_m, truth.k7_per_kg_m)) <= kIdentificationAim &&
            std::abs(relative(k.k8_per_kg_m2, truth.k8_per_kg_m2)) <= kIdentificationAim &&
-           speed_step.settling_s > 0 && speed_step.settling_s <= kSettlingAim_s && yaw_step.settling_s > 0 &&
-           yaw_step.settling_s <= kSettlingAim_s && figure_eight.entered && figure_eight.rms_m <= kRmsAim_m &&
+           settles_in_time() && figure_eight.entered && figure_eight.rms_m <= kRmsAim_m &&
            figure_eight.peak_m <= kPeakAim_m && adaptive.entered && std::abs(k7_error) <= kAdaptationAim &&
            std::abs(k8_error) <= kAdaptationAim;
 }
@@ -115,9 +119,11 @@ Report MainJob::report() const {
                 e.effects_standard_error.parameter[i][j]);
         }
     }
+    if (!identification.succeeded) return r;
+    const std::string settling_aim = "aim " + number_text(settling_aim_s);
     r.section("driving", "What it made of it");
-    r.add("settling_speed_s", "step of 0.15 m/s settles to 1 % in", speed_step.settling_s, "s", "aim 0.05");
-    r.add("settling_yaw_s", "step of 0.7 rad/s settles to 1 % in", yaw_step.settling_s, "s", "aim 0.05");
+    r.add("settling_speed_s", "step of 0.15 m/s settles to 1 % in", speed_step.settling_s, "s", settling_aim);
+    r.add("settling_yaw_s", "step of 0.7 rad/s settles to 1 % in", yaw_step.settling_s, "s", settling_aim);
     r.add("phase_margin_deg", "phase margin of the velocity loops", design.phase_margin_deg, "deg",
           "at least 45");
     r.add("sensitivity_peak", "peak of the sensitivity", design.sensitivity_peak, "", "at most 2");

@@ -12,6 +12,7 @@ struct MainJob {
     StepResponse speed_step, yaw_step;
     double speed_step_m_per_s = 0.15;
     double yaw_step_rad_per_s = 0.7;
+    double settling_aim_s = 0;  // what the robot file asks of the loops
     TrackingResult figure_eight;
     TrackingResult adaptive;
     // Over the adaptive drive, ten a second.
@@ -35,6 +36,7 @@ struct MainJob {
     void adapt(Simulation& sim, const Progress& progress);
 
     Report report() const;
+    bool settles_in_time() const;
     bool reached_its_aims() const;
 };
 

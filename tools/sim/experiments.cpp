@@ -91,9 +91,10 @@ StepResponse velocity_step(Simulation& sim, const Twist<double>& step, double ho
     if (!enter_mode(sim, protocol::Mode::velocity)) return result;
     sim.run_for(0.2);
     sim.host().velocity(step);
+    const double begin_s = sim.cycle_time_s();
     sim.run_for(hold_s, [&] {
         const Twist<double>& u = sim.world().twist();
-        result.time_s.push_back(static_cast<double>(result.time_s.size() + 1) * 1e-3);
+        result.time_s.push_back(sim.cycle_time_s() - begin_s);
         result.v_m_per_s.push_back(u.v_m_per_s);
         result.omega_rad_per_s.push_back(u.omega_rad_per_s);
     });

@@ -298,6 +298,7 @@ int run_robot(const Options& options) {
         options.duration_s > 0 ? begin_ns + static_cast<std::int64_t>(options.duration_s * 1e9) : INT64_MAX;
     sim::WorldOptions world_settings = world_options(plant.simulation, options.seed);
     world_settings.start_ns = begin_ns;
+    world_settings.latest_ns += 1000 * options.rest_us;
     sim::World world(plant.parameters, world_settings, *bus);
     SimulatedHost poses(*host, world);
     poses.external_poses(options.external_poses);

@@ -257,8 +257,8 @@ void Simulation::VirtualMachine::log_to(Log& log) {
 // Three sockets on one real interface. The robot lives in the time in which the firmware sleeps.
 class Simulation::RealMachine final : public Machine, private hal::Clock {
   public:
-    explicit RealMachine(const std::string& interface)
-        : firmware_(open(interface)), robot_(open(interface)), host_(open(interface)) {
+    RealMachine(const std::string& interface, std::int64_t rest_ns)
+        : rest_ns_(rest_ns), firmware_(open(interface)), robot_(open(interface)), host_(open(interface)) {
         host_->set_filters({});
     }
 
@@ -279,21 +279,25 @@ class Simulation::RealMachine final : public Machine, private hal::Clock {
     std::int64_t now_ns() const override { return clock_.now_ns(); }
     void sleep_until_ns(std::int64_t deadline_ns) override {
         while (world_ != nullptr) {
+            const std::int64_t look_ns = std::max(world_->next_event_ns(), looked_ns_ + rest_ns_);
+            clock_.sleep_until_ns(std::min(deadline_ns, look_ns));
             const std::int64_t now = clock_.now_ns();
-            world_->pump(now);
+            if (now >= look_ns) {
+                world_->pump(now);
+                looked_ns_ = now;
+            }
             if (now >= deadline_ns) return;
-            clock_.sleep_until_ns(std::min(deadline_ns, std::max(world_->next_event_ns(), now + kGlance_ns)));
         }
         clock_.sleep_until_ns(deadline_ns);
     }
 
-    static constexpr std::int64_t kGlance_ns = 50'000;
-
+    std::int64_t rest_ns_;
     hal::MonotonicClock clock_;
     std::unique_ptr<hal::SocketCanBus> firmware_;
     std::unique_ptr<hal::SocketCanBus> robot_;
     std::unique_ptr<hal::SocketCanBus> host_;
     sim::World* world_ = nullptr;
+    std::int64_t looked_ns_ = 0;  // at the robot's bus
 };
 
 // ---- simulation -----------------------------------------------------------------------------------------
@@ -306,13 +310,15 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
         virtual_ = machine.get();
         machine_ = std::move(machine);
     } else {
-        machine_ = std::make_unique<RealMachine>(options.can_interface);
+        machine_ = std::make_unique<RealMachine>(options.can_interface, options.rest_ns);
     }
     start_ns_ = machine_->clock().now_ns();
     schedule_ = task::CycleSchedule(start_ns_ + task::kCyclePeriod_ns);
+    cycle_ns_ = start_ns_;
     sim::WorldOptions world = options.world;
     world.seed = options.seed;
     world.start_ns = start_ns_;
+    if (virtual_ == nullptr) world.latest_ns += options.rest_ns;
     world_ = std::make_unique<sim::World>(truth, world, machine_->robot_bus());
     machine_->attach(*world_);
     host_ = std::make_unique<SimulatedHost>(machine_->host_bus(), *world_);
@@ -341,8 +347,11 @@ void Simulation::step() {
     if (end_s_ > 0 && time_s() >= end_s_) throw TimeIsOver{};
     hal::Clock& clock = machine_->clock();
     clock.sleep_until_ns(schedule_.next_deadline_ns());
-    host_->step(clock.now_ns());
-    const task::CycleTime time = schedule_.begin(clock.now_ns());
+    const std::int64_t now_ns = clock.now_ns();
+    host_->step(now_ns);
+    const task::CycleTime time = schedule_.begin(now_ns);
+    cycle_ns_ = time.scheduled_ns;
+    missed_cycles_ += time.missed;
     cycle_->think(time);
     clock.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
     cycle_->send(clock.now_ns());
@@ -351,17 +360,14 @@ void Simulation::step() {
 }
 
 void Simulation::run_for(double duration_s, const std::function<void()>& each) {
-    const auto cycles = std::llround(duration_s / task::kCyclePeriod_s);
-    for (std::int64_t i = 0; i < cycles; ++i) {
-        step();
-        if (each) each();
-    }
+    run_until([] { return false; }, duration_s, each);
 }
 
 bool Simulation::run_until(const std::function<bool()>& done, double at_most_s,
                            const std::function<void()>& each) {
-    const auto cycles = std::llround(at_most_s / task::kCyclePeriod_s);
-    for (std::int64_t i = 0; i < cycles; ++i) {
+    const std::int64_t end_ns =
+        schedule_.next_deadline_ns() + std::llround(at_most_s / task::kCyclePeriod_s) * task::kCyclePeriod_ns;
+    while (schedule_.next_deadline_ns() < end_ns) {
         step();
         if (each) each();
         if (done()) return true;

@@ -90,8 +90,9 @@ struct SimulationOptions {
     std::int64_t start_ns = 1'000'000'000;
     bool separate_host_bus = false;
     bool emergency_stop_line = false;
-    std::string can_interface;  // "": virtual time; otherwise real time on this SocketCAN interface
-    std::string log_path;       // virtual time; "": no log; otherwise candump -L (a second bus as can1)
+    std::string can_interface;      // "": virtual time; otherwise real time on this SocketCAN interface
+    std::int64_t rest_ns = 50'000;  // in real time: the robot looks at the bus no more often than that
+    std::string log_path;           // virtual time; "": no log; otherwise candump -L (a second bus as can1)
 };
 
 class Simulation {
@@ -115,6 +116,10 @@ class Simulation {
     void end_at(double time_s) { end_s_ = time_s; }
 
     double time_s() const;  // since the start
+    // When the last cycle was due, since the start.
+    double cycle_time_s() const { return 1e-9 * static_cast<double>(cycle_ns_ - start_ns_); }
+    // Cycles that a real machine was too late for; they count as time.
+    std::int64_t missed_cycles() const { return missed_cycles_; }
     std::int64_t now_ns() const { return machine_->clock().now_ns(); }
 
     task::Cycle& cycle() { return *cycle_; }
@@ -157,6 +162,8 @@ class Simulation {
     std::unique_ptr<task::Cycle> cycle_;
     std::unique_ptr<SimulatedHost> host_;
     task::CycleSchedule schedule_;
+    std::int64_t cycle_ns_ = 0;
+    std::int64_t missed_cycles_ = 0;
     double end_s_ = 0;  // 0: never
     std::unique_ptr<Log> log_;
 };
