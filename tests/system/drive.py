@@ -46,8 +46,7 @@ class Drive(unittest.TestCase):
         cls.rig = rig.Rig()
         cls.addClassCleanup(cls.rig.end)
         cls.rig.start_robot("--external-poses")
-        # K5 and K6 as exact as the default file asks for would take 20 s more.
-        cls.rig.start_daemon(ident__coupling_standard_error_m=0.001)
+        cls.rig.start_daemon()
 
     def setUp(self):
         self.rig.recover()

@@ -256,6 +256,27 @@ class Limits(Case):
         self.rig.robot.send_signal(signal.SIGCONT)
         self.rig.clear_fault()
 
+    def test_a_ramp_that_takes_too_long_becomes_coasting(self):
+        limit = 0.15  # braking from 1 m/s takes twice as long
+        self.start(safety__emergency_stop_reaction="ramp", safety__ramp_timeout_s=limit)
+        self.rig.end_stream(self.stream)
+        fast = self.rig.stream("VelocityCommand", 0.02, ForwardSpeed=1.0)
+        self.addCleanup(self.rig.end_stream, fast)
+        self.rig.until(lambda: self.rig.truth()[4] > 0.95, "1 m/s")
+        before = time.time()
+        self.rig.send("EmergencyStop")
+        sent = self.rig.until(lambda: self.rig.host.of("EmergencyStop", before), "the stop is on the bus")[0][0]
+        self.rig.until_fault("emergency_stop_message")
+        self.rig.until(lambda: all(self.rig.told_idle(side, sent) for side in NODES), "the drives are told idle")
+        ended = self.end_of_torque(sent)
+        speed = next(row[4] for row in self.rig.truth(ended - 0.02) if row[0] >= ended - 0.02)
+        print(f"ramp: braked for {ended - sent:.3f} s, limit {limit} s, and left the robot at {speed:.2f} m/s")
+        self.assertTrue(limit - 0.02 < ended - sent < limit + SLACK, ended - sent)
+        self.assertGreater(speed, 0.2)
+        for torques in self.rig.torques(sent).values():
+            self.assertLess(min(torque for _, torque in torques), -0.5)  # it did brake
+        self.rig.clear_fault()
+
     def test_cycles_missed_in_a_row(self):
         self.start(overrun_fault__in_a_row=200, overrun_fault__per_second=1000, safety__stale_feedback_s=1.0,
                    safety__stale_command_cycles=50)
@@ -295,6 +316,32 @@ class Limits(Case):
                               if data[0] == 8], [])
         self.assertEqual(list(self.rig.torques(began).values()), [[], []])
         self.rig.clear_fault()
+
+
+class Arming(Case):
+    def test_a_drive_takes_too_long_to_arm(self):
+        # Arming waits for the drives to report each step, and these report once a second.
+        self.rig = rig.Rig()
+        self.addCleanup(self.rig.end)
+        self.rig.start_robot(drive__heartbeat_period_ms=1000, drive__heartbeat_timeout_s=4.0)
+        limit = 0.7
+        self.rig.start_daemon(drive__heartbeat_period_ms=1000, drive__heartbeat_timeout_s=4.0,
+                              drive__arming_timeout_s=limit)
+        self.rig.watch_torques()
+        asked = time.time()
+        self.rig.send("ModeCommand", Mode="torque")
+        self.rig.until_fault("arming_refused")
+        self.assertEqual(self.rig.status()["Blocker"], "drives_not_armed")
+        status = [(when, rig.DBC.decode(number_of("Status"), data)["State"])
+                  for when, data in self.rig.host.of("Status", asked)]
+        refused = next(when for when, state in status if state == "fault") - asked
+        print(f"arming: given up after {refused:.2f} s, limit {limit} s")
+        self.assertTrue(limit - 0.02 < refused < limit + SLACK, refused)
+        self.rig.until(lambda: all(self.rig.told_idle(side, asked + limit / 2) for side in NODES),
+                       "the drives are told idle")
+        for side, torques in self.rig.torques(asked).items():
+            self.assertEqual([torque for _, torque in torques if torque != 0], [], side)
+        self.assertEqual(self.rig.stop_daemon(), 0)
 
 
 if __name__ == "__main__":
