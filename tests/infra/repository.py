@@ -23,7 +23,8 @@ def files(root):
         folders[:] = sorted(name for name in folders if name not in SKIPPED)
         for name in sorted(names):
             path = pathlib.Path(folder) / name
-            if not path.is_symlink() and not name.endswith(".swp"):
+            # In a second work tree .git is a file.
+            if not path.is_symlink() and not name.endswith(".swp") and name not in SKIPPED:
                 yield path
 
 
