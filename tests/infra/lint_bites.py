@@ -26,7 +26,7 @@ TIDY = [
     ("clang-analyzer-cplusplus.Move", "std::size_t gone(std::string s) { std::string t = std::move(s); return s.size() + t.size(); }"),
     ("clang-diagnostic-reserved-identifier", "int __count();"),
     ("clang-diagnostic-unreachable-code", "int after(int n) { return n; ++n; }"),
-    ("bugprone-infinite-loop", "int forever() { int i = 0; int n = 0; while (i < 9) { ++n; } return n; }"),
+    ("clang-diagnostic-non-virtual-dtor", "struct Open2 { virtual void f(); }; struct Shut final : Open2 { void f() override; };"),
     ("bugprone-unused-raii", "struct Lock { Lock(); ~Lock(); }; int enter() { Lock(); return 1; }"),
     ("performance-for-range-copy",
      "std::size_t sizes(const std::array<std::string, 2>& all) { std::size_t n = 0; for (const auto text : all) { n += text.size(); } return n; }"),
