@@ -82,6 +82,41 @@ class Status(unittest.TestCase):
             self.assertEqual(status, 1, arguments)
             self.assertNotEqual(err, "", arguments)
 
+    def test_a_number_out_of_range_is_refused_in_plain_words(self):
+        positive = [("sim", "--duration"), ("monitor", "--every"), ("monitor", "--for"), ("record", "--for"),
+                    ("ctl", "stop", "--for"), ("ident", "x", "--track"), ("ident", "x", "--wheel-radius"),
+                    ("ident", "x", "--relative-standard-error")]
+        for words in positive:
+            for value in ("-3", "0", "nan", "inf", "-1e300"):
+                status, _, err = run(*words, value)
+                self.assertEqual(status, 1, (words, value))
+                self.assertIn(f"found {value}, expected a number greater than 0", err)
+        for words, expected in ((("ctl", "stop", "--rate"), "from 0.1 to 1000"), (("ctl", "stop", "--alive"), "from 0 to 14"),
+                                (("ctl", "ident", "--bit-time"), "from 0 to 255"), (("sim", "--rest"), "from 0 to 10000")):
+            for value in ("-3", "20000", "nan"):
+                status, _, err = run(*words, value)
+                self.assertEqual(status, 1, (words, value))
+                self.assertIn(f"found {value}, expected a number {expected}", err)
+        for action in ("wait:-3", "velocity:0.1,0,0", "wait:nan", "goal:inf,0,0", "adaptive:-1"):
+            status, _, err = run("sim", action)
+            self.assertEqual(status, 1, action)
+            self.assertLess(len(err), 120, err)
+
+    def test_no_refusal_is_longer_than_a_line(self):
+        _, out, _ = run("--help")
+        commands = [(name,) for name in re.findall(r"^  (\w+)  +\S", out.split("Subcommands:")[1], re.M)]
+        _, out, _ = run("ctl", "--help")
+        commands += [("ctl", name) for name in re.findall(r"^  (\w+)  +\S", out.split("Subcommands:")[1], re.M)]
+        tried = 0
+        for command in commands:
+            _, out, _ = run(*command, "--help")
+            for option in re.findall(r"(--[a-z-]+) (?:FLOAT|INT|UINT)", out):
+                status, _, err = run(*command, option, "-1e300x")
+                self.assertEqual(status, 1, (command, option))
+                self.assertLess(len(err.splitlines()[0]), 160, (command, option, err))
+                tried += 1
+        self.assertGreater(tried, 10)
+
     def test_missing_interface_is_4_and_one_sentence(self):
         with tempfile.TemporaryDirectory() as folder:
             for arguments in (("ctl", "mode", "idle"), ("ctl", "velocity", "0", "0"), ("ctl", "stop"),
@@ -197,7 +232,7 @@ class Check(unittest.TestCase):
         self.assertAlmostEqual(model["effective_mass_kg"], 9.466, places=3)
         self.assertAlmostEqual(model["effective_yaw_inertia_kg_m2"], 0.3164, places=4)
         self.assertAlmostEqual(model["energy_imbalance"], 0, places=12)
-        self.assertTrue(math.isclose(figures["bus"]["drive_load_percent"], 54.0 + 4 * 1.35 / 2 + 0.27, abs_tol=0.01),
+        self.assertTrue(math.isclose(figures["bus"]["drive_load_percent"], 54.0 + 2 * 1.35 + 1.35, abs_tol=0.01),
                         figures["bus"])
 
     def test_bad_files_are_1_with_file_line_and_key(self):

@@ -11,6 +11,7 @@
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/message_text.hpp"
+#include "tools/cli/number_checks.hpp"
 #include "tools/cli/parameter_names.hpp"
 #include "tools/ctl/frames.hpp"
 
@@ -547,8 +548,8 @@ void add_ident(CLI::App* ctl, const Shared& options, Run& run) {
     CLI::App* command = subcommand(ctl, "ident", "Settings of the next identification");
     command->footer("A setting left out is the robot file's. Sent in idle; `ctl mode ident` starts it.");
     command->add_option("--amplitude", message->amplitude_Nm, "Excitation torque, Nm");
-    command->add_option("--bit-time", *bit_time_ms, "Length of one bit, ms")->check(CLI::Range(0, 255));
-    command->add_option("--duration", *duration_s, "Longest time, s")->check(CLI::Range(0, 255));
+    command->add_option("--bit-time", *bit_time_ms, "Length of one bit, ms")->check(from_to("0", "255"));
+    command->add_option("--duration", *duration_s, "Longest time, s")->check(from_to("0", "255"));
     command->add_option("--speed-limit", message->speed_limit_m_per_s, "m/s");
     command->add_option("--yaw-rate-limit", message->yaw_rate_limit_rad_per_s, "rad/s");
     command->add_option("--distance-limit", message->distance_limit_m, "From the start, m");
@@ -662,10 +663,10 @@ void add_ctl(CLI::App& program, Run& run) {
     ctl->add_flag("--print", options->print, "Print the cansend lines instead of sending");
     ctl->add_option("--alive", options->alive,
                     "Alive counter of the first frame (default: 0 printed, else chosen)")
-        ->check(CLI::Range(0, 14));
+        ->check(from_to("0", "14"));
     ctl->add_option("--rate", options->rate_Hz, "Repetitions a second (default: the message's cycle time)")
-        ->check(CLI::Range(0.1, 1000.0));
-    ctl->add_option("--for", options->for_s, "Seconds to repeat")->check(CLI::PositiveNumber);
+        ->check(from_to("0.1", "1000"));
+    ctl->add_option("--for", options->for_s, "Seconds to repeat")->check(greater_than_zero());
     ctl->add_flag("--enter", options->enter, "Ask for the command's mode too, and for idle at the end");
     ctl->add_flag("--no-wait", options->no_wait,
                   "Do not wait for the robot's answer to mode, stop, clear and --enter");

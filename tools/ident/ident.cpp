@@ -8,6 +8,7 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/number_checks.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ident/findings.hpp"
 
@@ -301,9 +302,9 @@ void add_ident(CLI::App& program, Run& run) {
         ->add_option("--wheel-radius", options->wheel_radius_m,
                      "Radius in metres; two numbers: left and right")
         ->expected(1, 2)
-        ->check(CLI::PositiveNumber);
+        ->check(greater_than_zero());
     command->add_option("--track", options->track_m, "Distance between the wheels in metres")
-        ->check(CLI::PositiveNumber);
+        ->check(greater_than_zero());
     command
         ->add_option("--effects", options->effects,
                      "Effects to look for, by name, with commas; none (default: the robot file's)")
@@ -312,7 +313,7 @@ void add_ident(CLI::App& program, Run& run) {
         ->add_option(
             "--relative-standard-error", options->relative_standard_error,
             "Standard error over value at which K7 and K8 are good enough (default: the robot file's)")
-        ->check(CLI::PositiveNumber);
+        ->check(greater_than_zero());
     command->add_option("--json", options->json, "Write the figures to this file too");
     command->add_option("--write", options->write,
                         "Write what is known into this robot file, with log and date");

@@ -12,6 +12,7 @@
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/message_text.hpp"
+#include "tools/cli/number_checks.hpp"
 #include "tools/logs/candump.hpp"
 #include "tools/monitor/robot_view.hpp"
 
@@ -155,10 +156,10 @@ void add_monitor(CLI::App& program, Run& run) {
         ->excludes(can);
     command->add_flag("--all", options->all, "Print every message of ours, decoded");
     command->add_option("--every", options->every_s, "Seconds between lines")
-        ->check(CLI::PositiveNumber)
+        ->check(greater_than_zero())
         ->capture_default_str();
     command->add_option("--for", options->for_s, "Seconds to watch (default: until Ctrl-C)")
-        ->check(CLI::PositiveNumber);
+        ->check(greater_than_zero());
     command->add_option("--json", options->json, "Write the summary to this file too");
     command->callback([options, &run] {
         run = [options] { return options->log.empty() ? watch_bus(*options) : watch_log(*options); };

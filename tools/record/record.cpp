@@ -6,6 +6,7 @@
 
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/number_checks.hpp"
 #include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {
@@ -92,7 +93,7 @@ void add_record(CLI::App& program, Run& run) {
     command->add_option("--can", options->interface, "CAN interface")->capture_default_str();
     command->add_option("--out", options->out, "File to write, - for standard output")->required();
     command->add_option("--for", options->for_s, "Seconds to record (default: until Ctrl-C)")
-        ->check(CLI::PositiveNumber);
+        ->check(greater_than_zero());
     command->callback([options, &run] { run = [options] { return record(*options); }; });
 }
 

@@ -3,6 +3,7 @@
 #include <array>
 #include <charconv>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <memory>
 #include <stdexcept>
@@ -13,6 +14,7 @@
 #include "hal/linux/socketcan_bus.hpp"
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/number_checks.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/sim/experiments.hpp"
 
@@ -43,18 +45,20 @@ struct Action {
 struct ActionInfo {
     const char* name;
     std::size_t fewest, most;
+    std::size_t seconds;  // which of them is a time; kNone: none
     const char* usage;
 };
+constexpr std::size_t kNone = SIZE_MAX;
 constexpr std::array kActions{
-    ActionInfo{"ident", 0, 0, "ident                   identify the robot"},
-    ActionInfo{"velocity", 3, 3, "velocity:V,W,S          m/s, rad/s, for S seconds"},
-    ActionInfo{"torque", 3, 3, "torque:LEFT,RIGHT,S     Nm, for S seconds"},
-    ActionInfo{"goal", 3, 3, "goal:X,Y,HEADING        drive to a pose (m, m, rad)"},
-    ActionInfo{"figure-eight", 0, 1, "figure-eight[:S]        the standard figure-8, 42 s or S"},
-    ActionInfo{"adaptive", 0, 1, "adaptive[:S]            the same while the model is adapted"},
-    ActionInfo{"payload", 1, 1, "payload:SHARE           mass and inertia grow by this share at once"},
-    ActionInfo{"place", 3, 3, "place:X,Y,HEADING       carry the robot to a pose"},
-    ActionInfo{"wait", 1, 1, "wait:S                  idle for S seconds"},
+    ActionInfo{"ident", 0, 0, kNone, "ident                   identify the robot"},
+    ActionInfo{"velocity", 3, 3, 2, "velocity:V,W,S          m/s, rad/s, for S seconds"},
+    ActionInfo{"torque", 3, 3, 2, "torque:LEFT,RIGHT,S     Nm, for S seconds"},
+    ActionInfo{"goal", 3, 3, kNone, "goal:X,Y,HEADING        drive to a pose (m, m, rad)"},
+    ActionInfo{"figure-eight", 0, 1, 0, "figure-eight[:S]        the standard figure-8, 42 s or S"},
+    ActionInfo{"adaptive", 0, 1, 0, "adaptive[:S]            the same while the model is adapted"},
+    ActionInfo{"payload", 1, 1, kNone, "payload:SHARE           mass and inertia grow by this share at once"},
+    ActionInfo{"place", 3, 3, kNone, "place:X,Y,HEADING       carry the robot to a pose"},
+    ActionInfo{"wait", 1, 1, 0, "wait:S                  idle for S seconds"},
 };
 
 std::string usage_of_actions() {
@@ -73,7 +77,7 @@ Action parse_action(const std::string& text) {
         const std::size_t comma = std::min(text.find(',', at), text.size());
         double value = 0;
         const auto [end, error] = std::from_chars(text.data() + at, text.data() + comma, value);
-        if (error != std::errc{} || end != text.data() + comma) {
+        if (error != std::errc{} || end != text.data() + comma || !std::isfinite(value)) {
             throw std::invalid_argument("action \"" + text + "\": \"" + text.substr(at, comma - at) +
                                         "\" is not a number");
         }
@@ -84,6 +88,9 @@ Action parse_action(const std::string& text) {
         if (action.name != info.name) continue;
         if (action.numbers.size() < info.fewest || action.numbers.size() > info.most) {
             throw std::invalid_argument("action \"" + text + "\": expected " + info.usage);
+        }
+        if (info.seconds < action.numbers.size() && !(action.numbers[info.seconds] > 0)) {
+            throw std::invalid_argument("action \"" + text + "\": expected a time greater than 0");
         }
         return action;
     }
@@ -343,7 +350,7 @@ void add_sim(CLI::App& program, Run& run) {
         ->capture_default_str();
     command->add_option("--seed", options->seed, "Seed of noise and phases")->capture_default_str();
     command->add_option("--duration", options->duration_s, "Seconds to run (default: until all is done)")
-        ->check(CLI::PositiveNumber);
+        ->check(greater_than_zero());
     command->add_option("--log", options->log, "Write the bus as candump -L");
     CLI::Option* can =
         command->add_option("--can", options->interface, "Play the robot on this interface, in real time");
@@ -357,7 +364,7 @@ void add_sim(CLI::App& program, Run& run) {
         ->add_option("--rest", options->rest_us,
                      "With --can: microseconds to sleep at least between two looks at the bus; more of them "
                      "spare a slow machine, and frames leave up to so much later")
-        ->check(CLI::Range(0, 10'000))
+        ->check(from_to("0", "10000"))
         ->capture_default_str();
     command->add_option("--json", options->json, "Also write the figures to this file");
     command->callback([options, &run] {
