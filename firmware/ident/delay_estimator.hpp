@@ -10,6 +10,7 @@
 // only.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -31,8 +32,11 @@ struct DelayEstimate {
 template <typename Real>
 class DelayEstimator {
   public:
-    // options.delay_s and tap_spacing_s are ignored.
+    // options.delay_s and tap_spacing_s are ignored, and rows are not longer than kLongestKernel_s makes
+    // them: a delay shows in the fast part of the motion, and short rows survive samples that are missing now
+    // and then.
     void configure(RegressionFilterOptions<Real> options) {
+        options.kernel_s = std::min(options.kernel_s, kLongestKernel_s);
         options.delay_s = kTapSpacing_s * (kTaps - 1) / 2;  // the first tap at 0
         options.tap_spacing_s = kTapSpacing_s;
         filter_.configure(options);
@@ -86,6 +90,7 @@ class DelayEstimator {
   private:
     static constexpr int kTaps = 4;
     static constexpr double kTapSpacing_s = 0.002;
+    static constexpr double kLongestKernel_s = 0.0285;
     static constexpr int kFixed = 1 + kTaps;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
     static constexpr Real kPriorVariance = Real(1e6);
