@@ -26,7 +26,6 @@
 // bears all of it. No allocation.
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <algorithm>
 #include <array>
@@ -149,8 +148,9 @@ class DynamicsEstimator {
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     using Vector = std::array<Real, kSize>;
     using Errors = ScoreErrors<Real, kSize - kTiming>;
-    using ColumnVector = Eigen::Matrix<double, Eigen::Dynamic, 1, 0, kMaxColumns, 1>;
-    using ColumnMatrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxColumns, kMaxColumns>;
+    // The first columns_ rows and columns are in use, the others zero.
+    using ColumnVector = Eigen::Matrix<double, kMaxColumns, 1>;
+    using ColumnMatrix = Eigen::Matrix<double, kMaxColumns, kMaxColumns>;
     enum class Work : std::uint8_t { none, linear, turning, linear_errors, turning_errors, publishing };
 
     struct Equation {
@@ -160,10 +160,11 @@ class DynamicsEstimator {
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
         Real torque_error{};
-        ColumnVector effect;  // the effects' parameters as this equation sees them
-        ColumnMatrix effect_covariance;
-        ColumnMatrix effect_information;  // for residuals without colour: how the equations are weighed
-        double prior_information = 0;     // the part of it that was there before any data
+        ColumnVector effect = ColumnVector::Zero();  // the effects' parameters as this equation sees them
+        ColumnMatrix effect_covariance = ColumnMatrix::Zero();
+        ColumnMatrix effect_information =
+            ColumnMatrix::Zero();      // for residuals without colour: how the equations are weighed
+        double prior_information = 0;  // the part of it that was there before any data
     };
 
     // So that no tap lies before the torque was told.
@@ -236,8 +237,7 @@ class DynamicsEstimator {
             p[static_cast<std::size_t>(j) + 1] = covariances(equation, kFixed + j);
 
         const double gain = static_cast<double>(equation.rls.theta()[kTorque]);
-        Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, 0, kMaxColumns + 1, kMaxColumns + 1> covariance(
-            columns_ + 1, columns_ + 1);
+        Eigen::Matrix<double, kMaxColumns + 1, kMaxColumns + 1> covariance;
         for (int i = 0; i <= columns_; ++i) {
             const auto middle = equation.errors.apply(p[static_cast<std::size_t>(i)]);
             for (int j = 0; j <= i; ++j) {
@@ -250,9 +250,7 @@ class DynamicsEstimator {
         equation.torque_error = error(equation, kTorque, static_cast<Real>(covariance(0, 0)));
         if (columns_ == 0 || gain == 0) return;
 
-        equation.effect.resize(columns_);
-        equation.effect_covariance.resize(columns_, columns_);
-        ColumnMatrix bare(columns_, columns_);
+        ColumnMatrix bare = ColumnMatrix::Zero();
         for (int i = 0; i < columns_; ++i)
             equation.effect(i) =
                 static_cast<double>(equation.rls.theta()[static_cast<std::size_t>(kFixed + i)]) / gain;
@@ -272,12 +270,35 @@ class DynamicsEstimator {
         equation.prior_information = unit / static_cast<double>(options_.prior_variance);
     }
 
-    // Of a symmetric positive matrix whose scales may differ by many powers of ten.
-    static ColumnMatrix inverse(const ColumnMatrix& matrix) {
-        const ColumnVector scale = matrix.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-        const ColumnMatrix scaled = scale.asDiagonal() * matrix * scale.asDiagonal();
-        const ColumnMatrix result = scaled.llt().solve(ColumnMatrix::Identity(matrix.rows(), matrix.cols()));
-        return scale.asDiagonal() * result * scale.asDiagonal();
+    // Of a symmetric positive matrix whose scales may differ by many powers of ten: Gauss-Jordan, which needs
+    // no pivots here, on the matrix scaled to a diagonal of ones.
+    ColumnMatrix inverse(const ColumnMatrix& matrix) const {
+        ColumnVector scale = ColumnVector::Zero();
+        for (int i = 0; i < columns_; ++i) scale(i) = 1 / std::sqrt(std::max(matrix(i, i), 1e-300));
+        ColumnMatrix work = ColumnMatrix::Zero();
+        ColumnMatrix result = ColumnMatrix::Zero();
+        for (int i = 0; i < columns_; ++i) {
+            for (int j = 0; j < columns_; ++j) work(i, j) = scale(i) * matrix(i, j) * scale(j);
+            result(i, i) = 1;
+        }
+        for (int k = 0; k < columns_; ++k) {
+            const double pivot = 1 / std::max(work(k, k), 1e-300);
+            for (int j = 0; j < columns_; ++j) {
+                work(k, j) *= pivot;
+                result(k, j) *= pivot;
+            }
+            for (int i = 0; i < columns_; ++i) {
+                const double factor = work(i, k);
+                if (i == k) continue;
+                for (int j = 0; j < columns_; ++j) {
+                    work(i, j) -= factor * work(k, j);
+                    result(i, j) -= factor * result(k, j);
+                }
+            }
+        }
+        for (int i = 0; i < columns_; ++i)
+            for (int j = 0; j < columns_; ++j) result(i, j) *= scale(i) * scale(j);
+        return result;
     }
 
     void publish() {
@@ -313,14 +334,14 @@ class DynamicsEstimator {
         if (columns_ == 0) return;
         const ColumnMatrix& one = equation_[0].effect_information;
         const ColumnMatrix& other = equation_[1].effect_information;
-        if (one.rows() != columns_ || other.rows() != columns_) return;
+        const double prior = equation_[0].prior_information + equation_[1].prior_information;
+        if (!(prior > 0)) return;
         const ColumnMatrix spread = inverse(one + other);
         const ColumnVector value = spread * (one * equation_[0].effect + other * equation_[1].effect);
         const ColumnMatrix covariance =
             spread *
             (one * equation_[0].effect_covariance * one + other * equation_[1].effect_covariance * other) *
             spread;
-        const double prior = equation_[0].prior_information + equation_[1].prior_information;
         for (int j = 0; j < columns_; ++j) {
             const ColumnPlace place = places_[static_cast<std::size_t>(j)];
             const bool known = spread(j, j) * prior < static_cast<double>(kNotExcited);
