@@ -143,8 +143,8 @@ class DynamicsEstimator {
     static constexpr int kMaxColumns = static_cast<int>(model::kMaxColumns);
     static constexpr double kLargestTapSpacing_s = 0.003;
     static constexpr double kTimingMemory_s = 0.8;  // how long the data tell a delay that wanders
-    static constexpr std::uint32_t kRowsToJudge =
-        500;                                        // standard errors from fewer are too uncertain to stop on
+    // Standard errors from fewer are too uncertain to stop on.
+    static constexpr std::uint32_t kRowsToJudge = 500;
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     using Vector = std::array<Real, kSize>;
     using Errors = ScoreErrors<Real, kSize - kTiming>;

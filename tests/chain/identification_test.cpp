@@ -50,12 +50,12 @@ TEST(ChainIdentification, all_four_within_two_percent_and_intervals_that_hold) {
         std::printf("K%zu: worst error %.3f %%, mean z %+.2f, rms z %.2f, 95 %% interval covers %.0f %%\n",
                     i + 5, 100 * worst[i], z_sum[i] / n, std::sqrt(z_square[i] / n), 100 * coverage);
         CHECK(worst[i] < 0.02);
-        // The limits are for 200 seeds and more; of 30 the figures themselves are uncertain by so much.
+        // Of 30 seeds the mean is uncertain by 0.18, and 29 covered of 30 are 97 %, 30 of 30 are 100 %.
         const bool all = seeds >= 200;
-        CHECK(std::abs(z_sum[i] / n) < (all ? 0.3 : 0.3 + 1.5 / std::sqrt(n)));
+        CHECK(std::abs(z_sum[i] / n) < (all ? 0.3 : 0.3 + 1 / std::sqrt(n)));
         const double rms = std::sqrt(z_square[i] / n);
-        CHECK(rms > (all ? 0.8 : 0.65) && rms < (all ? 1.25 : 1.4));
-        CHECK(coverage > (all ? 0.88 : 0.8));
+        CHECK(rms > 0.8 && rms < 1.25);
+        CHECK(coverage > 0.88);
         CHECK(!all || coverage < 0.99);
     }
     CHECK(farthest_m < chain::believed().parameters.ident.distance_limit_m);

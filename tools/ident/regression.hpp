@@ -3,9 +3,9 @@
 //
 // The covariance is the sandwich P (sum over lags of w_l sum phi_t e_t e_t+l phi_t+l^T) P with Bartlett
 // weights (Newey and West, Econometrica 55, 1987) and the bandwidth of Andrews (Econometrica 59, 1991), from
-// first-order autoregressions of the scores phi e. On a computer with the whole log at hand that is better
-// than the recursive estimators' two-number model of the noise: residuals of real machines hold whatever the
-// model lacks. Small samples: times rows / (rows - parameters - lags).
+// first-order autoregressions of the scores phi e. The recursive estimator's way to the same
+// sandwich is firmware/ident/score_errors.hpp, which need not look back. Small samples: times rows / (rows -
+// parameters - lags).
 #pragma once
 
 #include <Eigen/Core>
