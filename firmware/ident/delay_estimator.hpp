@@ -1,10 +1,11 @@
 // Measures the time from a cycle's start to the centroid of the torque that was told in it: bus, drive and
 // the drive's lag together, with its fraction of a cycle.
 //
-// The regressions of dynamics_estimator.hpp are given four torque columns, 2 ms apart. Over the band that the
-// rows' averaging lets through, four taps reproduce any delay of 0 to 6 ms with a lag, and the centroid of
-// their coefficients is the centroid of the torque's response. Both equations are combined by their
-// variances; the standard error knows the residuals' colour.
+// The regressions of dynamics_estimator.hpp are given four torque columns, 2 ms apart, the first at the age
+// that the samples are known to have. Over the band that the rows' averaging lets through, four taps
+// reproduce any further delay of 0 to 6 ms with a lag, and the centroid of their coefficients is the centroid
+// of the torque's response. Both equations are combined by their variances; the standard error knows the
+// residuals' colour.
 //
 // Cost: in one cycle of each row about 600 operations with four effect columns. No allocation. Ident mode
 // only.
@@ -24,9 +25,9 @@ namespace wheelwright::ident {
 
 template <typename Real>
 struct DelayEstimate {
-    Real delay_s{};
+    Real delay_s{};  // the samples' age included
     Real standard_error_s{};
-    bool valid = false;  // enough rows, torque seen to act, and within 0 .. 8 ms
+    bool valid = false;  // enough rows, torque seen to act, and 0 .. 8 ms beyond the samples' age
 };
 
 template <typename Real>
@@ -37,7 +38,8 @@ class DelayEstimator {
     // and then.
     void configure(RegressionFilterOptions<Real> options) {
         options.kernel_s = std::min(options.kernel_s, kLongestKernel_s);
-        options.delay_s = kTapSpacing_s * (kTaps - 1) / 2;  // the first tap at 0
+        first_tap_s_ = static_cast<Real>(options.sample_age_s);
+        options.delay_s = options.sample_age_s + kTapSpacing_s * (kTaps - 1) / 2;
         options.tap_spacing_s = kTapSpacing_s;
         filter_.configure(options);
         const int size = kFixed + filter_.columns();
@@ -79,9 +81,10 @@ class DelayEstimator {
         if (rows_ < kEnoughRows || !linear.known || !turning.known) return result;
         const Real w1 = 1 / linear.variance;
         const Real w2 = 1 / turning.variance;
-        result.delay_s = (w1 * linear.value + w2 * turning.value) / (w1 + w2);
+        const Real further_s = (w1 * linear.value + w2 * turning.value) / (w1 + w2);
+        result.delay_s = first_tap_s_ + further_s;
         result.standard_error_s = 1 / std::sqrt(w1 + w2);
-        result.valid = result.delay_s >= 0 && result.delay_s <= Real(0.008);
+        result.valid = further_s >= 0 && further_s <= Real(kLongestFurther_s);
         return result;
     }
 
@@ -90,6 +93,7 @@ class DelayEstimator {
   private:
     static constexpr int kTaps = 4;
     static constexpr double kTapSpacing_s = 0.002;
+    static constexpr double kLongestFurther_s = 0.008;
     static constexpr double kLongestKernel_s = 0.0285;
     static constexpr int kFixed = 1 + kTaps;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
@@ -116,7 +120,7 @@ class DelayEstimator {
         equation.errors.push(phi, equation.rls.update(phi, y));
     }
 
-    // sum(c_k t_k) / sum(c_k) and its first-order variance.
+    // sum(c_k t_k) / sum(c_k), t_k from the first tap on, and its first-order variance.
     Centroid centroid(const Equation& equation) const {
         const auto& theta = equation.rls.theta();
         const int size = kFixed + filter_.columns();
@@ -141,6 +145,7 @@ class DelayEstimator {
 
     RegressionFilter<Real, kTaps> filter_;
     std::array<Equation, 2> equation_{};
+    Real first_tap_s_{};
     std::uint32_t rows_ = 0;
     bool turning_pending_ = false;
 };

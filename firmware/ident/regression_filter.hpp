@@ -57,6 +57,7 @@ struct RegressionFilterOptions {
     double sample_time_s{};
     double kernel_s{};                          // half the averaging weight's length
     double delay_s{};                           // from a cycle's start to the centroid of its torque
+    double sample_age_s{};                      // the part of it that the samples are known to be old
     double tap_spacing_s{};                     // between torque columns, if there are several
     Real standing_speed_rad_per_s = Real(0.2);  // a wheel slower than this may be held by dry friction
     int standing_samples = 5;                   // for longer than this: the row is not usable
@@ -90,7 +91,7 @@ class RegressionFilter {
         restart();
     }
 
-    // Each tap is clipped to what the history holds (-2 to 24 samples). The rows under way mix both delays.
+    // Each tap is clipped to what the history holds (-2 to 27 samples). The rows under way mix both delays.
     void set_delay(double delay_s, double tap_spacing_s = 0) {
         for (int k = 0; k < kTaps; ++k) {
             const double at_s = delay_s + (k - (kTaps - 1) / 2.0) * tap_spacing_s;
@@ -148,7 +149,7 @@ class RegressionFilter {
     static constexpr unsigned kAngles = 8;
     static constexpr unsigned kTorques = 32;
     static constexpr double kMinimumDelay = -2;
-    static constexpr double kMaximumDelay = 24;
+    static constexpr double kMaximumDelay = 27;
     static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
     static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxColumns;
     using Signals = std::array<Real, kSignals>;

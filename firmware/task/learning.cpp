@@ -27,7 +27,8 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
     options.effects = p.effects;
     options.sample_time_s = kCyclePeriod_s;
     options.kernel_s = kernel_s;
-    options.delay_s = p.velocity_loop.actuation_delay_s + Learning::sample_age_s(p);
+    options.sample_age_s = Learning::sample_age_s(p);
+    options.delay_s = p.velocity_loop.actuation_delay_s + options.sample_age_s;
     return options;
 }
 

@@ -25,8 +25,8 @@ ident::DynamicsEstimatorOptions<double> estimator_options(const IdentSetup& setu
     options.filter.effects.active = setup.effects;
     options.filter.sample_time_s = task::kCyclePeriod_s;
     options.filter.kernel_s = setup.robot.ident.kernel_s;
-    options.filter.delay_s =
-        setup.robot.velocity_loop.actuation_delay_s + task::Learning::sample_age_s(setup.robot);
+    options.filter.sample_age_s = task::Learning::sample_age_s(setup.robot);
+    options.filter.delay_s = setup.robot.velocity_loop.actuation_delay_s + options.filter.sample_age_s;
     options.relative_standard_error = setup.relative_standard_error;
     return options;
 }
@@ -178,7 +178,7 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     if (!findings.problems.empty()) return findings;
 
     ident::DynamicsEstimatorOptions<double> options = estimator_options(setup);
-    const double age_s = task::Learning::sample_age_s(setup.robot);
+    const double age_s = options.filter.sample_age_s;
     ident::DelayEstimator<double> delay_estimator;
     delay_estimator.configure(options.filter);
     feed(delay_estimator, logs);
