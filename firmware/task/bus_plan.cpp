@@ -4,14 +4,12 @@
 #include <array>
 #include <cstdio>
 
+#include "drivers/drive_catalogue.hpp"
 #include "firmware/protocol/bus_load.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
-#include "firmware/task/cycle_schedule.hpp"
 
 namespace wheelwright::task {
 namespace {
-
-constexpr std::uint8_t kDriveFrameLength = 8;  // all cyclic CANSimple frames, both generations
 
 std::string percent(double share) {
     std::array<char, 24> text{};
@@ -37,28 +35,29 @@ std::string over_limit(const char* which, double load, const std::vector<Planned
 }  // namespace
 
 BusPlan bus_plan(const model::RobotParameters& parameters) {
-    const auto& drive = parameters.drive;
     BusPlan plan;
-    const auto add = [&](const std::string& name, std::uint8_t length, double period_s, bool drives) {
+    const auto add = [&](const std::string& name, std::uint8_t length, bool extended, double period_s,
+                         bool drives) {
         if (period_s <= 0) return;
         const double rate =
             drives ? parameters.bus.bit_rate_bit_per_s : parameters.bus.host_bit_rate_bit_per_s;
-        const protocol::PeriodicFrame frame{name, length, false, period_s};
+        const protocol::PeriodicFrame frame{name, length, extended, period_s};
         const double load = protocol::load_fraction(frame, rate);
         plan.frames.push_back({name, drives, period_s, load});
         (drives ? plan.drive_load : plan.host_load) += load;
         plan.shared_load += protocol::load_fraction(frame, parameters.bus.bit_rate_bit_per_s);
     };
-    for (const char* side : {"left ", "right "}) {
-        const std::string of(side);
-        add(of + "Set_Input_Torque", kDriveFrameLength, kCyclePeriod_s, true);
-        add(of + "Get_Encoder_Estimates", kDriveFrameLength, drive.encoder_period_ms * 1e-3, true);
-        add(of + (drive.generation == 5 ? "Get_Iq" : "Get_Torques"), kDriveFrameLength,
-            drive.torque_period_ms * 1e-3, true);
-        add(of + "Heartbeat", kDriveFrameLength, drive.heartbeat_period_ms * 1e-3, true);
+    for (const drivers::Wheel wheel : {drivers::Wheel::left, drivers::Wheel::right}) {
+        drivers::DriveSlot slot;
+        const drivers::MotorDrive* drive = drivers::make_drive(slot, parameters, wheel);
+        if (drive == nullptr) continue;  // nothing drives with it either
+        const std::string of = wheel == drivers::Wheel::left ? "left " : "right ";
+        for (const drivers::DriveFrame& frame : drive->frames()) {
+            add(of + std::string(frame.name), frame.length, frame.extended, frame.period_s, true);
+        }
     }
     for (const protocol::MessageInfo& message : protocol::all_messages) {
-        add(std::string(message.name), message.length, message.cycle_time_ms * 1e-3, false);
+        add(std::string(message.name), message.length, message.extended, message.cycle_time_ms * 1e-3, false);
     }
     std::stable_sort(plan.frames.begin(), plan.frames.end(),
                      [](const PlannedFrame& a, const PlannedFrame& b) { return a.load > b.load; });

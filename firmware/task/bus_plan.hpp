@@ -24,9 +24,9 @@ struct BusPlan {
     double shared_load = 0;            // both on one bus, at bus.bit_rate_bit_per_s
 };
 
-// Drives: a torque command each in every cycle and the drives' cyclic reports. Host: all cyclic telemetry and
-// one host that sends every set-point message at its nominal rate; more than one mode's set-points at once
-// are not usual, so this is on the safe side. Event-driven frames take no part.
+// Drives: what each driver lists as its periodic frames (MotorDrive::frames()). Host: all cyclic telemetry
+// and one host that sends every set-point message at its nominal rate; more than one mode's set-points at
+// once are not usual, so this is on the safe side. Event-driven frames take no part.
 BusPlan bus_plan(const model::RobotParameters& parameters);
 
 // "" when the plan keeps bus.load_limit; else one sentence that names the bus and its largest messages.

@@ -32,6 +32,18 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
     return config;
 }
 
+// An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
+// K8.
+bool effects_measured(const model::RobotParameters& p) {
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!p.effects.active[i]) continue;
+        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
+            if (p.effects.parameter[i][j] == 0 && p.effects_standard_error.parameter[i][j] == 0) return false;
+        }
+    }
+    return true;
+}
+
 double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
 
 std::uint16_t narrow(std::uint64_t value) {
@@ -59,6 +71,7 @@ void Cycle::configure() {
     control_.configure(parameters_);
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
     odometry_.configure(control::odometry_settings<double>(parameters_));
+    effects_measured_ = effects_measured(parameters_);
     ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
     ports_.right.set_torque_scale(parameters_.drive.right.torque_scale);
 }
@@ -195,8 +208,8 @@ void Cycle::judge_conditions() {
     const auto& k = parameters_.dynamics;
     const auto& e = parameters_.dynamics_standard_error;
     const double trust = parameters_.adaptation.trust_relative_error;
-    c.model_trusted = e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 && e.k7_per_kg_m <= trust * k.k7_per_kg_m &&
-                      e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
+    c.model_trusted = effects_measured_ && e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 &&
+                      e.k7_per_kg_m <= trust * k.k7_per_kg_m && e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
     c.mode_finished =
         supervisor_.mode() == Mode::ident && identifying_ && learning_.identification_finished();
 }
@@ -384,7 +397,7 @@ void Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& met
 }
 
 void Cycle::note_times() {
-    longest_wake_ns_ = std::max(longest_wake_ns_, time_.woken_ns - time_.scheduled_ns);
+    longest_wake_ns_ = std::max(longest_wake_ns_, time_.wake_latency_ns());
     longest_execution_ns_ = std::max(longest_execution_ns_, time_.last_execution_ns);
 }
 
@@ -430,7 +443,7 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             r.ident = learning_.status();
             break;
         case ReportPart::timing:
-            r.timing.wake_latency_last_us = microseconds(time_.woken_ns - time_.scheduled_ns);
+            r.timing.wake_latency_last_us = microseconds(time_.wake_latency_ns());
             r.timing.wake_latency_max_us = microseconds(longest_wake_ns_);
             r.timing.execution_max_us = microseconds(longest_execution_ns_);
             r.timing.missed_cycles = narrow(overrun_.total());

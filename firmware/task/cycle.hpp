@@ -145,6 +145,7 @@ class Cycle {
     double elapsed_s_ = kCyclePeriod_s;
     MotionOutput output_;
     WheelPair<double> sent_torque_Nm_;
+    bool effects_measured_ = false;
     bool was_armed_ = false;
     bool was_ramping_ = false;
     bool drives_wanted_ = false;

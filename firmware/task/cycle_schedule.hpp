@@ -20,6 +20,9 @@ struct CycleTime {
     std::int64_t woken_ns = 0;           // when it really began
     std::int64_t last_execution_ns = 0;  // how long the cycle before this one computed, sends included
     std::int64_t missed = 0;             // cycles skipped since the cycle before this one
+
+    // From the deadline that was slept for, so with the periods that were missed because of it.
+    std::int64_t wake_latency_ns() const { return woken_ns - scheduled_ns + missed * kCyclePeriod_ns; }
 };
 
 class CycleSchedule {

@@ -10,9 +10,12 @@
 namespace wheelwright::task {
 
 struct LoopStatistics {
-    DurationHistogram wake_latency;  // woken - scheduled
-    DurationHistogram execution;     // thinking and sending, the wait for the sending phase left out
-    DurationHistogram send_phase;    // torques sent - scheduled
+    // One value for each cycle that ran: woken - the deadline slept for (CycleTime::wake_latency_ns). A
+    // wake-up so late that periods passed whole is one value longer than those periods, whether the machine
+    // woke the loop late or the cycle before it took too long. cyclictest counts the same way.
+    DurationHistogram wake_latency;
+    DurationHistogram execution;   // thinking and sending, the wait for the sending phase left out
+    DurationHistogram send_phase;  // torques sent - scheduled, that is from the grid point after missed ones
     std::uint64_t cycles = 0;
     std::uint64_t missed = 0;
 };
@@ -43,7 +46,7 @@ void run_cycles(Cycle& cycle, hal::Clock& clock, LoopStatistics& statistics, std
         ++statistics.cycles;
         if (statistics.cycles == most_cycles) cycle.request_termination();
         statistics.missed += static_cast<std::uint64_t>(time.missed);
-        statistics.wake_latency.add(time.woken_ns - time.scheduled_ns);
+        statistics.wake_latency.add(time.wake_latency_ns());
         statistics.execution.add(computing_ns);
         statistics.send_phase.add(sending_ns - time.scheduled_ns);
     }

@@ -4,6 +4,7 @@
 #include <array>
 #include <csignal>
 #include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <optional>
 #include <string>
@@ -116,6 +117,9 @@ int run(const Options& options) {
         std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
     }
     if (!file.robot) return kUsage;
+    for (const task::Diagnostic& note : file.notes) {
+        std::fprintf(stderr, "wheelwrightd: note: %s: %s\n", note.key.c_str(), note.message.c_str());
+    }
     model::RobotParameters parameters = file.robot->parameters;
     const bool shared = options.host_can.empty() || options.host_can == options.can;
     const std::string refusal = task::bus_refusal(task::bus_plan(parameters), parameters, shared);
@@ -212,7 +216,11 @@ int main(int argc, char** argv) {
     program.add_option("--host-can", options.host_can, "CAN interface of the host, where it is another one");
     program.add_flag("--allow-soft-realtime", options.allow_soft_realtime,
                      "Run although the machine refuses what real time needs");
-    program.add_option("--duration", options.duration_s, "End as on SIGTERM after so many seconds");
+    program.add_option("--duration", options.duration_s, "End as on SIGTERM after so many seconds")
+        ->check([](const std::string& text) {
+            const double value = std::strtod(text.c_str(), nullptr);
+            return value > 0 && value <= 1e9 ? "" : "found " + text + ", expected a number greater than 0";
+        });
     program.add_flag("--statistics", options.statistics,
                      "At the end, print latency, execution time and sending phase of the cycles");
     try {

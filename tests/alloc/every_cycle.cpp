@@ -7,6 +7,9 @@
 #include <limits>
 #include <memory>
 #include <span>
+#include <string>
+#include <string_view>
+#include <type_traits>
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
@@ -25,6 +28,16 @@ using protocol::ParameterResult;
 
 constexpr std::uint32_t kHeartbeatOfLeft = 1U << 5U | 1U;  // node 1
 
+// Calls visit(number of the field, its name, its value) for the fields that are yes or no.
+template <typename Visitor>
+void for_each_flag(const protocol::Status& status, Visitor&& visit) {
+    std::size_t i = 0;
+    protocol::Status::for_each_field(status, [&](const protocol::FieldInfo& info, const auto& field) {
+        if constexpr (std::is_same_v<std::remove_cvref_t<decltype(field)>, bool>) visit(i, info.name, field);
+        ++i;
+    });
+}
+
 class Witness final : public sim::BusTap {
   public:
     explicit Witness(Tour& tour) : tour_(tour) {}
@@ -37,6 +50,12 @@ class Witness final : public sim::BusTap {
             protocol::ParameterReply::decode({frame.data.data(), frame.length}, reply) ==
                 protocol::CodecStatus::ok) {
             tour_.answered[std::size_t(reply.result)] = true;
+        }
+        protocol::Status status;
+        if (frame.id == protocol::Status::id &&
+            protocol::Status::decode({frame.data.data(), frame.length}, status) ==
+                protocol::CodecStatus::ok) {
+            for_each_flag(status, [&](std::size_t i, std::string_view, bool yes) { tour_.flag[i] |= yes; });
         }
     }
 
@@ -145,11 +164,15 @@ void drive_modes(Visit& visit) {
     visit.drive({0.3, 0.5});
     host.velocity({3.9, -15});
     visit.run(300);
+    host.velocity({3.9, 0.1});
+    visit.run(150);
     for (const auto direction : protocol::pose_direction_values) {
         host.goal({0.4, 0.2, 1.0}, direction);
         visit.enter(Mode::pose);
         visit.run(2500);
     }
+    visit.run_until([&] { return visit.rig().cycle().report().status.goal_reached; }, 20'000);
+    visit.run(50);
     for (const auto shape : protocol::trajectory_shape_values) {
         protocol::TrajectoryCommand command;
         command.shape = shape;
@@ -204,6 +227,8 @@ void identify(Visit& visit) {
     visit.run_until([&] { return visit.mode() != Mode::ident; }, 90'000);
     visit.run(1500);  // new gains are designed in slices
     visit.parameter(ParameterOperation::save);
+    visit.host().mode(Mode::idle);
+    visit.run(300);
     protocol::IdentSettings settings;  // a run that ends before it knows anything
     settings.duration_s = 2;
     settings.distance_limit_m = 0.2;
@@ -211,6 +236,14 @@ void identify(Visit& visit) {
     visit.host().ident(settings);
     visit.enter(Mode::ident);
     visit.run(4000);
+    visit.host().mode(Mode::idle);
+    visit.run(300);
+    settings.duration_s = 6;  // and one that reaches the end of its area
+    settings.distance_limit_m = 0.1;
+    settings.speed_limit_m_per_s = 0;
+    visit.host().ident(settings);
+    visit.enter(Mode::ident);
+    visit.run(8000);
 }
 
 void ask_parameters(Visit& visit, Tour& tour) {
@@ -248,8 +281,9 @@ void ask_parameters(Visit& visit, Tour& tour) {
         visit.run(10);
         tour.saved |= well;
     }
-    // More at once than a cycle takes, and more than the replies' queue holds.
-    for (int burst = 0; burst < 4; ++burst) {
+    // More at once than a cycle takes, and more than the replies' queue holds, for longer than the shortest
+    // period of telemetry.
+    for (int burst = 0; burst < 12; ++burst) {
         for (int i = 0; i < 14; ++i) visit.host().parameter(ParameterOperation::read, gain);
         visit.rig().miss(2);  // they pile up
         visit.run(2);
@@ -412,9 +446,11 @@ std::vector<std::string> Tour::missing() const {
         // A stop line that is still active turns braking into coasting in the next cycle.
         if (!ramped[std::size_t(fault)]) out.push_back("braking after " + std::string(to_string_view(fault)));
     }
-    // The first two are not given by any rule; unknown modes are refused by the codec already.
-    list(out, "refusal", protocol::blocker_values, blocker,
-         {Blocker::no_fresh_setpoint, Blocker::pose_unknown, Blocker::unknown_mode});
+    // Unknown modes are refused by the codec already.
+    list(out, "refusal", protocol::blocker_values, blocker, {Blocker::unknown_mode});
+    for_each_flag(protocol::Status{}, [&](std::size_t i, std::string_view name, bool) {
+        if (!flag[i]) out.push_back("Status with " + std::string(name));
+    });
     list(out, "counter", protocol::counter_cause_values, counted);
     // A number that is none is refused before it is a request.
     list(out, "answer", protocol::parameter_result_values, answered, {ParameterResult::not_finite});

@@ -19,9 +19,10 @@ struct Tour {
     std::array<bool, protocol::mode_values.size()> mode{};
     std::array<bool, protocol::fault_values.size()> coasted{};  // faults that were met with torque off,
     std::array<bool, protocol::fault_values.size()> ramped{};   // and those met by braking
-    std::array<bool, protocol::blocker_values.size()> blocker{};
+    std::array<bool, std::size_t(protocol::blocker_values.back()) + 1> blocker{};
     std::array<bool, protocol::counter_cause_values.size()> counted{};
     std::array<bool, protocol::parameter_result_values.size()> answered{};
+    std::array<bool, 32> flag{};     // fields of Status that are yes or no, by number: were yes
     std::array<bool, 0x800> sent{};  // identifiers on the bus, by anybody
     bool identified = false;
     bool adapted = false;

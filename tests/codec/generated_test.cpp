@@ -181,12 +181,18 @@ TEST(Generated, floats_must_be_finite_and_in_range_both_ways) {
 }
 
 TEST(Generated, enumerations_are_closed_unless_the_dbc_says_otherwise) {
+    unsigned highest = 0;  // that may be asked for; lower than the table's end
+    const protocol::ModeCommand any;
+    protocol::ModeCommand::for_each_field(any, [&](const protocol::FieldInfo& field, const auto&) {
+        if (field.name == "mode") highest = static_cast<unsigned>(field.maximum);
+    });
+    CHECK(highest >= 7);
     for (unsigned mode = 0; mode < 256; ++mode) {
         const std::array<std::uint8_t, 3> bytes{0, 0, static_cast<std::uint8_t>(mode)};
         protocol::ModeCommand command;
-        const CodecStatus expected = mode > 8                 ? CodecStatus::unknown_value
-                                     : mode == 0 || mode == 8 ? CodecStatus::out_of_range
-                                                              : CodecStatus::ok;
+        const CodecStatus expected = mode >= protocol::mode_values.size() ? CodecStatus::unknown_value
+                                     : mode == 0 || mode > highest        ? CodecStatus::out_of_range
+                                                                          : CodecStatus::ok;
         CHECK(protocol::ModeCommand::decode(bytes, command) == expected);
         command.mode = static_cast<protocol::Mode>(mode);
         std::array<std::uint8_t, 3> out{};
@@ -209,9 +215,15 @@ TEST(Generated, wide_enumerations_are_compared_whole) {
 
 TEST(Generated, enumerations_know_their_names) {
     STRCMP_EQUAL("figure_eight", to_string_view(protocol::TrajectoryShape::figure_eight).data());
-    STRCMP_EQUAL("unknown", to_string_view(static_cast<protocol::Mode>(9)).data());
+    const auto beyond = static_cast<protocol::Mode>(unsigned(protocol::mode_values.back()) + 1);
+    STRCMP_EQUAL("unknown", to_string_view(beyond).data());
+    CHECK_FALSE(is_known(beyond));
     STRCMP_EQUAL("closed_loop_control", to_string_view(odrive_0_6::AxisState::closed_loop_control).data());
-    LONGS_EQUAL(9, protocol::mode_values.size());
+    for (const protocol::Mode mode : protocol::mode_values) CHECK(to_string_view(mode) != "unknown");
+    // A value that was taken out leaves its number unknown and the others as they were.
+    CHECK_FALSE(is_known(static_cast<protocol::Blocker>(5)));
+    LONGS_EQUAL(6, static_cast<int>(protocol::Blocker::model_not_trusted));
+    LONGS_EQUAL(11, static_cast<int>(protocol::Blocker::design_refused));
 }
 
 TEST(Generated, saturation_moves_scaled_values_to_their_limits) {

@@ -14,22 +14,16 @@ namespace {
 
 using namespace wheelwright;
 
-// Measures from the deadline it slept for, as cyclictest does: LoopStatistics counts periods that passed
-// whole as missed, and measures from the deadline after them.
 class IdleCycle {
   public:
-    void think(const task::CycleTime& time) {
-        late_.add(time.woken_ns - time.scheduled_ns + time.missed * task::kCyclePeriod_ns);
-    }
+    void think(const task::CycleTime&) {}
     static std::int64_t send_phase_ns() { return 0; }
     void send(std::int64_t) {}
     bool finished() const { return finished_; }
     void request_termination() { finished_ = true; }
-    const task::DurationHistogram& late() const { return late_; }
 
   private:
     bool finished_ = false;
-    task::DurationHistogram late_;
 };
 
 }  // namespace
@@ -42,11 +36,11 @@ int main(int argc, char** argv) {
     }
     const auto statistics = std::make_unique<task::LoopStatistics>();
     for (const hal::Refusal& one : hal::become_realtime({})) std::printf("%s\n", one.sentence().c_str());
-    const auto cycle = std::make_unique<IdleCycle>();
+    IdleCycle cycle;
     hal::MonotonicClock clock;
-    task::run_cycles(*cycle, clock, *statistics, static_cast<std::uint64_t>(seconds) * 1000);
+    task::run_cycles(cycle, clock, *statistics, static_cast<std::uint64_t>(seconds) * 1000);
 
-    const task::DurationHistogram& late = cycle->late();
+    const task::DurationHistogram& late = statistics->wake_latency;
     const auto us = [](std::int64_t ns) { return 1e-3 * static_cast<double>(ns); };
     std::printf(
         "wheelwright: cycles %llu, missed %llu, median %.0f us, 99 %% %.0f us, 99.9 %% %.0f us, longest %.0f "

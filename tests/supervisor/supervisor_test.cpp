@@ -127,7 +127,7 @@ TEST(SupervisorEntry, modes_that_cannot_be_asked_for_are_unknown) {
     Supervisor s = started();
     CHECK(s.request(Mode::boot, healthy()) == Blocker::unknown_mode);
     CHECK(s.request(Mode::fault, healthy()) == Blocker::unknown_mode);
-    CHECK(s.request(static_cast<Mode>(9), healthy()) == Blocker::unknown_mode);
+    CHECK(s.request(static_cast<Mode>(kModeCount), healthy()) == Blocker::unknown_mode);
     CHECK(s.request(static_cast<Mode>(255), healthy()) == Blocker::unknown_mode);
     s.step(healthy());
     CHECK(s.mode() == Mode::idle);
@@ -410,7 +410,7 @@ TEST(SupervisorRandomWalk, whatever_happens_the_wheels_are_driven_only_with_perm
         const Mode before = s.mode();
         const Fault fault_before = s.fault();
         if (chance(30)) {
-            const Mode wanted = static_cast<Mode>(random() % 11);
+            const Mode wanted = static_cast<Mode>(random() % (kModeCount + 2));
             const Blocker answer = s.request(wanted, c);
             if (answer == Blocker::none) permitted = wanted != Mode::idle;
             if (answer != Blocker::none) CHECK(s.mode() == before);

@@ -1,7 +1,9 @@
 // The worst-case load of the buses, known before the first frame.
+#include <algorithm>
 #include <cstdio>
 #include <string>
 
+#include "drivers/drive_catalogue.hpp"
 #include "firmware/task/bus_plan.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -39,6 +41,28 @@ TEST(BusPlan, HalfTheBitRateIsTooLittleForTwoDrives) {
     CHECK(task::bus_refusal(plan, p, false).find("drives' bus") != std::string::npos);
     p.drive.generation = 5;
     CHECK(task::bus_refusal(task::bus_plan(p), p, false).find("Set_Input_Torque") != std::string::npos);
+}
+
+// What the drivers list, and nothing else: the plan knows no dialect.
+TEST(BusPlan, DrivesFramesAreThoseOfTheirDriver) {
+    for (const int generation : {5, 6}) {
+        model::RobotParameters p = model::default_parameters();
+        p.drive.generation = generation;
+        const task::BusPlan plan = task::bus_plan(p);
+        drivers::DriveSlot slot;
+        const drivers::MotorDrive* drive = drivers::make_drive(slot, p, drivers::Wheel::right);
+        CHECK(drive != nullptr);
+        std::size_t planned = 0;
+        for (const task::PlannedFrame& frame : plan.frames) planned += frame.drives ? 1U : 0U;
+        LONGS_EQUAL(2 * drive->frames().size(), planned);
+        for (const drivers::DriveFrame& frame : drive->frames()) {
+            const std::string name = "right " + std::string(frame.name);
+            const auto same = [&](const task::PlannedFrame& one) { return one.name == name; };
+            const auto found = std::find_if(plan.frames.begin(), plan.frames.end(), same);
+            CHECK(found != plan.frames.end());
+            DOUBLES_EQUAL(frame.period_s, found->period_s, 1e-12);
+        }
+    }
 }
 
 TEST(BusPlan, SlowHostBusIsJudgedByItself) {

@@ -250,7 +250,8 @@ TEST(RobotFileEdit, RandomEditsKeepEveryLineThatIsNotTheirs) {
 // Files that a text editor or a bad disk has damaged: never a crash, and never a byte lost.
 TEST(RobotFileEdit, DamagedFilesAreRefusedOrEditedWithoutLoss) {
     std::mt19937 random(99);
-    const std::string original = read(kRobots + "default.toml").substr(0, 2200);
+    const std::string whole = read(kRobots + "default.toml");
+    const std::string original = whole.substr(0, whole.find("[dynamics]"));
     unsigned refused = 0;
     unsigned done = 0;
     for (int round = 0; round < 1500; ++round) {

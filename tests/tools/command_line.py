@@ -232,7 +232,7 @@ class Check(unittest.TestCase):
         self.assertAlmostEqual(model["effective_mass_kg"], 9.466, places=3)
         self.assertAlmostEqual(model["effective_yaw_inertia_kg_m2"], 0.3164, places=4)
         self.assertAlmostEqual(model["energy_imbalance"], 0, places=12)
-        self.assertTrue(math.isclose(figures["bus"]["drive_load_percent"], 54.0 + 4 * 1.35 / 2 + 0.27, abs_tol=0.01),
+        self.assertTrue(math.isclose(figures["bus"]["drive_load_percent"], 54.0 + 4 * 1.35 / 2 + 0.54, abs_tol=0.01),
                         figures["bus"])
 
     def test_bad_files_are_1_with_file_line_and_key(self):

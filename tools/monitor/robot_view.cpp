@@ -146,7 +146,6 @@ std::string RobotView::limits_text() const {
     add(status_->limit_yaw_rate, "yaw rate");
     add(status_->limit_acceleration, "acceleration");
     add(status_->limit_area, "area");
-    add(status_->limit_voltage, "voltage");
     add(status_->limit_adaptation_frozen, "adaptation frozen");
     return text.empty() ? "none" : text;
 }
