@@ -102,7 +102,7 @@ const std::array kTable{
     WW_REAL(0x00A6, ident.relative_standard_error, "", 0.005, 1e-4, 0.5, idle, "standard error over value at which K7 and K8 are good enough"),
     WW_REAL(0x00A7, ident.kernel_s, "s", 0.0435, 0.002, 0.05, idle, "half width of the triangular averaging kernel of the regression"),
     WW_REAL(0x00A8, ident.delay_phase_s, "s", 4.0, 0.5, 60.0, idle, "time given to measuring the actuation delay"),
-    WW_REAL(0x00AB, ident.coupling_standard_error_m, "m", 0.0003, 1e-6, 1.0, idle, "standard error at which K5, and K6 as a length, are good enough"),
+    WW_REAL(0x00AB, ident.coupling_standard_error_m, "m", 0.0002, 1e-6, 1.0, idle, "standard error at which K5, and K6 as a length, are good enough"),
 
     WW_CHOICE(0x00C0, velocity_loop.method, kMethods, 0, idle, "how the velocity loops are designed"),
     WW_REAL(0x00C1, velocity_loop.settling_time_s, "s", 0.05, 0.005, 5.0, idle, "wanted settling time to 1 %"),

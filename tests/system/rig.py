@@ -29,7 +29,7 @@ CALM = {
     "limits.yaw_acceleration_rad_per_s2": 20.0,  # 200
     "limits.torque_Nm": 2.5,                     # 5
     "ident.amplitude_Nm": 2.5,                   # 5
-    "ident.coupling_standard_error_m": 0.003,    # 0.0003: would take a minute more
+    "ident.coupling_standard_error_m": 0.003,    # 0.0002: would take a minute more
 }
 # Timing limits for a machine that keeps time badly, and what they are in tools/robots/default.toml.
 WIDENED = {
