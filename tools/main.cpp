@@ -1,21 +1,11 @@
 // `wheelwright`, the workbench tool: checks robot files, commands and watches robots, keeps logs.
 #include <CLI/CLI.hpp>
-#include <array>
 #include <cstdio>
 #include <exception>
 
 #include "tools/cli/command.hpp"
 
-namespace {
-
 using namespace wheelwright::tools;
-
-// The order of --help.
-constexpr std::array kCommands{
-    &add_demo, &add_sim, &add_check, &add_ctl, &add_monitor, &add_record, &add_ident, &add_paper,
-};
-
-}  // namespace
 
 int main(int argc, char** argv) {
     try {
@@ -28,7 +18,7 @@ int main(int argc, char** argv) {
             "4 the machine lacks something (no CAN, no permission).");
         program.require_subcommand(1);
         Run run;
-        for (const auto add : kCommands) add(program, run);
+        for (const AddCommand add : commands()) add(program, run);
         try {
             program.parse(argc, argv);
         } catch (const CLI::ParseError& error) {

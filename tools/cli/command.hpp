@@ -1,13 +1,15 @@
 // The frame of the program `wheelwright`: each subcommand lives in a file of its own and adds itself to the
-// command line through one function, listed in main.cpp.
+// command line through one function, listed in commands_workbench.cpp and, if it has its place on a robot's
+// computer too, in commands_robot.cpp; the build takes the one or the other.
 //
 // To add a subcommand: write `void add_<name>(CLI::App& program, Run& run)`, declare it below, add its line
-// to kCommands in main.cpp and its files to tools/CMakeLists.txt. The function adds a subcommand with its
+// to kCommands and its files to tools/CMakeLists.txt. The function adds a subcommand with its
 // options and a callback that sets `run` to what shall happen; it must not do anything else yet. CLI11 is
 // slow to compile: include it in that one file only.
 #pragma once
 
 #include <functional>
+#include <span>
 
 namespace CLI {
 class App;
@@ -24,6 +26,11 @@ inline constexpr int kMachineLacks = 4;  // no CAN, no permission, no room
 
 // What the chosen subcommand does once the command line is understood; returns the exit status.
 using Run = std::function<int()>;
+
+using AddCommand = void (*)(CLI::App& program, Run& run);
+
+// The subcommands of this build, in the order of --help.
+std::span<const AddCommand> commands();
 
 void add_check(CLI::App& program, Run& run);
 void add_ctl(CLI::App& program, Run& run);

@@ -1,0 +1,18 @@
+// The subcommands on a workbench: all of them.
+#include <array>
+
+#include "tools/cli/command.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+// The order of --help.
+constexpr std::array kCommands{
+    &add_demo, &add_sim, &add_check, &add_ctl, &add_monitor, &add_record, &add_ident, &add_paper,
+};
+
+}  // namespace
+
+std::span<const AddCommand> commands() { return kCommands; }
+
+}  // namespace wheelwright::tools
