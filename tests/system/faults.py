@@ -324,7 +324,7 @@ class Arming(Case):
         self.rig = rig.Rig()
         self.addCleanup(self.rig.end)
         self.rig.start_robot(drive__heartbeat_period_ms=1000, drive__heartbeat_timeout_s=4.0)
-        limit = 0.7
+        limit = 0.25
         self.rig.start_daemon(drive__heartbeat_period_ms=1000, drive__heartbeat_timeout_s=4.0,
                               drive__arming_timeout_s=limit)
         self.rig.watch_torques()
