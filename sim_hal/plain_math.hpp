@@ -5,7 +5,8 @@
 
 #include <array>
 #include <cstddef>
-#include <cstdint>
+
+#include "firmware/model/sine_cosine.hpp"
 
 namespace wheelwright::sim {
 
@@ -42,35 +43,7 @@ inline double mean_exp_minus(double x) {
     return mean;
 }
 
-struct SineCosine {
-    double sine;
-    double cosine;
-};
-
-// For any angle of reasonable size (below 1e9); within 1e-14 plus the angle's own rounding.
-inline SineCosine sine_cosine(double angle_rad) {
-    constexpr double kHalfPi = 1.5707963267948966;
-    const double turns = angle_rad / kHalfPi;
-    const auto quadrant = static_cast<std::int64_t>(turns < 0 ? turns - 0.5 : turns + 0.5);
-    const double x = angle_rad - static_cast<double>(quadrant) * kHalfPi;
-    const double square = x * x;
-    double s = 1;
-    double c = 1;
-    for (int k = 9; k > 0; --k) {
-        s = 1 - s * square / (2 * k * (2 * k + 1));
-        c = 1 - c * square / (2 * k * (2 * k - 1));
-    }
-    s *= x;
-    switch (quadrant & 3) {
-        case 0:
-            return {s, c};
-        case 1:
-            return {c, -s};
-        case 2:
-            return {-s, -c};
-        default:
-            return {-c, s};
-    }
-}
+using model::sine_cosine;
+using SineCosine = model::SineCosine<double>;
 
 }  // namespace wheelwright::sim

@@ -56,6 +56,16 @@ Plant::Plant(const PlantParameters& parameters, const Pose<double>& start) {
 
 void Plant::set_parameters(const PlantParameters& parameters) {
     parameters_ = parameters;
+    dynamics_ = plant_dynamics(parameters);
+    torque_path_ = false;
+    wheels_only_ = true;
+    model::for_each_active(parameters.effects.active, [this]<typename Effect>(std::size_t) {
+        if constexpr (model::OnTorquePath<Effect>) {
+            torque_path_ = true;
+        } else if constexpr (!model::Dry<Effect>) {
+            wheels_only_ = wheels_only_ && model::EachWheel<Effect>;
+        }
+    });
     const PlantParameters& p = parameters_;
     const double radius_left = p.geometry.wheel_radius_m.left;
     const double radius_right = p.geometry.wheel_radius_m.right;
@@ -78,15 +88,15 @@ void Plant::set_parameters(const PlantParameters& parameters) {
     const std::array<DryEffect, model::kMaxColumns> before = dry_;
     const std::size_t count_before = dry_count_;
     dry_count_ = 0;
-    model::for_each_column(
-        p.effects, model::Motion<double>{},
-        [&](std::size_t i, unsigned j, const WheelPair<double>& direction, bool is_dry) {
-            if (!is_dry || p.effects.parameter[i][j] <= 0) return;
+    model::for_each_dry(
+        p.effects, p.geometry,
+        [&](std::size_t, unsigned, const WheelPair<double>& direction, double limit_Nm) {
+            if (limit_Nm <= 0) return;
             DryEffect& dry = dry_[dry_count_++];
             dry.direction = direction;
             dry.response = {from_torque_.a11 * direction.left + from_torque_.a12 * direction.right,
                             from_torque_.a21 * direction.left + from_torque_.a22 * direction.right};
-            dry.limit_Nm = p.effects.parameter[i][j];
+            dry.limit_Nm = limit_Nm;
             dry.compliance = direction.left * dry.response.left + direction.right * dry.response.right;
         });
     for (std::size_t j = 0; j < dry_count_; ++j) {
@@ -127,17 +137,18 @@ Twist<double> Plant::twist_of(const WheelPair<double>& speed) const {
     return model::twist_from_wheel_speeds(parameters_.geometry, speed);
 }
 
+// At `since_s` after the step's begin, by when the wheels have turned at `speed`.
+template <bool kWheelsOnly>
 WheelPair<double> Plant::acceleration(const WheelPair<double>& speed, const WheelPair<double>& torque_Nm,
-                                      WheelPair<double>& smooth_Nm) const {
+                                      double since_s, WheelPair<double>& smooth_Nm) const {
     const Twist<double> u = twist_of(speed);
-    const model::Motion<double> motion{speed, angle_, u, pose_.heading_rad};
-    WheelPair<double> smooth{};
-    model::for_each_column(parameters_.effects, motion,
-                           [&](std::size_t i, unsigned j, const WheelPair<double>& column, bool is_dry) {
-                               if (is_dry) return;
-                               smooth.left += parameters_.effects.parameter[i][j] * column.left;
-                               smooth.right += parameters_.effects.parameter[i][j] * column.right;
-                           });
+    const model::Motion<double> motion{
+        speed,
+        {angle_.left + since_s * speed.left, angle_.right + since_s * speed.right},
+        u,
+        pose_.heading_rad + since_s * u.omega_rad_per_s};
+    const WheelPair<double> smooth = model::smooth_effect_torque_Nm<kWheelsOnly>(
+        parameters_.effects, {motion, torque_Nm, parameters_.geometry, dynamics_});
     smooth_Nm = smooth;
     const double forward =
         parameters_.centrifugal_kg_m * u.omega_rad_per_s * u.omega_rad_per_s + disturbance_.force_N;
@@ -233,29 +244,32 @@ double Plant::cut_at(double dt_s, const WheelPair<double>& without_dry,
     return cut;
 }
 
+WheelPair<double> Plant::delivered_torque_Nm(const WheelPair<double>& torque_Nm) const {
+    const model::Motion<double> motion{speed_, angle_, twist_, pose_.heading_rad};
+    return model::delivered_torque_Nm(parameters_.effects,
+                                      {motion, torque_Nm, parameters_.geometry, dynamics_});
+}
+
 void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
     constexpr int kMostCuts = 4;
     double rest_s = dt_s;
-    for (int cuts = 0; rest_s > 0; ++cuts) rest_s -= step(rest_s, torque_Nm, cuts < kMostCuts);
+    if (torque_path_) {
+        const WheelPair<double> delivered = delivered_torque_Nm(torque_Nm);
+        for (int cuts = 0; rest_s > 0; ++cuts) rest_s -= step(rest_s, delivered, cuts < kMostCuts);
+    } else {
+        for (int cuts = 0; rest_s > 0; ++cuts) rest_s -= step(rest_s, torque_Nm, cuts < kMostCuts);
+    }
 }
 
 // Returns the time taken: all of dt_s, or less when the step was cut.
 double Plant::step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut) {
-    constexpr double kShortest_s = 1e-9;
     WheelPair<double> speed;
     WheelPair<double> smooth;
-    if (!step_sliding(dt_s, torque_Nm, speed, smooth)) {
-        const WheelPair<double> first = acceleration(speed_, torque_Nm, smooth);
-        WheelPair<double> middle{speed_.left + dt_s / 2 * first.left, speed_.right + dt_s / 2 * first.right};
-        solve_dry(dt_s / 2, middle);
-        const WheelPair<double> second = acceleration(middle, torque_Nm, smooth);
-        speed = {speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
-        const WheelPair<double> without_dry = speed;
-        solve_dry(dt_s, speed);
-        if (may_cut) {
-            const double cut_s = dt_s * cut_at(dt_s, without_dry, speed);
-            if (cut_s > kShortest_s && cut_s < dt_s - kShortest_s) return step(cut_s, torque_Nm, false);
-        }
+    const bool slides = wheels_only_ ? step_sliding<true>(dt_s, torque_Nm, speed, smooth)
+                                     : step_sliding<false>(dt_s, torque_Nm, speed, smooth);
+    if (!slides) {
+        const double cut_s = step_sticking(dt_s, torque_Nm, may_cut, speed, smooth);
+        if (cut_s < dt_s) return step(cut_s, torque_Nm, false);
     }
     const double turned_left = dt_s / 2 * (speed_.left + speed.left);
     const double turned_right = dt_s / 2 * (speed_.right + speed.right);
@@ -270,8 +284,25 @@ double Plant::step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut
     return dt_s;
 }
 
+// The step whatever sticks or comes to rest. Returns the part of it after which it should be cut; dt_s: none.
+double Plant::step_sticking(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut,
+                            WheelPair<double>& speed, WheelPair<double>& smooth_Nm) {
+    constexpr double kShortest_s = 1e-9;
+    const WheelPair<double> first = acceleration<false>(speed_, torque_Nm, 0, smooth_Nm);
+    WheelPair<double> middle{speed_.left + dt_s / 2 * first.left, speed_.right + dt_s / 2 * first.right};
+    solve_dry(dt_s / 2, middle);
+    const WheelPair<double> second = acceleration<false>(middle, torque_Nm, dt_s / 2, smooth_Nm);
+    speed = {speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
+    const WheelPair<double> without_dry = speed;
+    solve_dry(dt_s, speed);
+    if (!may_cut) return dt_s;
+    const double cut_s = dt_s * cut_at(dt_s, without_dry, speed);
+    return cut_s > kShortest_s && cut_s < dt_s - kShortest_s ? cut_s : dt_s;
+}
+
 // The step when everything slides from its begin to its end without reversing, which is nearly always: then
 // all dry torques are at their limits and nothing is to be solved. False, and no change, when it is not so.
+template <bool kWheelsOnly>
 bool Plant::step_sliding(double dt_s, const WheelPair<double>& torque_Nm, WheelPair<double>& speed,
                          WheelPair<double>& smooth_Nm) {
     WheelPair<double> torque = torque_Nm;
@@ -284,10 +315,10 @@ bool Plant::step_sliding(double dt_s, const WheelPair<double>& torque_Nm, WheelP
         torque.left -= sense[j] * dry.limit_Nm * dry.direction.left;
         torque.right -= sense[j] * dry.limit_Nm * dry.direction.right;
     }
-    const WheelPair<double> first = acceleration(speed_, torque, smooth_Nm);
+    const WheelPair<double> first = acceleration<kWheelsOnly>(speed_, torque, 0, smooth_Nm);
     const WheelPair<double> middle{speed_.left + dt_s / 2 * first.left,
                                    speed_.right + dt_s / 2 * first.right};
-    const WheelPair<double> second = acceleration(middle, torque, smooth_Nm);
+    const WheelPair<double> second = acceleration<kWheelsOnly>(middle, torque, dt_s / 2, smooth_Nm);
     speed = {speed_.left + dt_s * second.left, speed_.right + dt_s * second.right};
     for (std::size_t j = 0; j < dry_count_; ++j) {
         if (!(sense[j] * model::sliding_speed(dry_[j].direction, speed) > 0)) return false;

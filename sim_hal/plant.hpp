@@ -62,7 +62,7 @@ struct Disturbance {
 
 // What acted in the last step, at the wheels.
 struct PlantTorques {
-    WheelPair<double> motor_Nm;
+    WheelPair<double> motor_Nm;           // what arrived at the wheels of the torque asked
     WheelPair<double> smooth_effects_Nm;  // at the step's midpoint
     WheelPair<double> dry_effects_Nm;
 };
@@ -104,12 +104,18 @@ class Plant {
         double lambda_Nm = 0;   // the solution of the last step
     };
 
+    template <bool kWheelsOnly>
     [[gnu::always_inline]] inline WheelPair<double> acceleration(const WheelPair<double>& speed,
                                                                  const WheelPair<double>& torque_Nm,
+                                                                 double since_s,
                                                                  WheelPair<double>& smooth_Nm) const;
+    [[gnu::noinline]] WheelPair<double> delivered_torque_Nm(const WheelPair<double>& torque_Nm) const;
     double step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut);
-    bool step_sliding(double dt_s, const WheelPair<double>& torque_Nm, WheelPair<double>& speed,
-                      WheelPair<double>& smooth_Nm);
+    [[gnu::noinline]] double step_sticking(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut,
+                                           WheelPair<double>& speed, WheelPair<double>& smooth_Nm);
+    template <bool kWheelsOnly>
+    [[gnu::noinline]] bool step_sliding(double dt_s, const WheelPair<double>& torque_Nm,
+                                        WheelPair<double>& speed, WheelPair<double>& smooth_Nm);
     void solve_dry(double dt_s, WheelPair<double>& speed);
     double cut_at(double dt_s, const WheelPair<double>& without_dry, const WheelPair<double>& speed) const;
     WheelPair<double> dry_torque_Nm() const;
@@ -119,8 +125,11 @@ class Plant {
     PlantParameters parameters_;
     Disturbance disturbance_;
     // Derived from parameters_.
-    Matrix from_torque_;  // wheel acceleration per wheel torque: G M^-1 G^T
-    Matrix from_force_;   // wheel acceleration per body force: G M^-1; columns: forward, yaw
+    model::Dynamics<double> dynamics_;  // as the effects see it
+    bool wheels_only_ = true;           // no smooth effect but on each wheel by itself: the usual, quick case
+    bool torque_path_ = false;          // an effect changes the torque on its way to the wheels
+    Matrix from_torque_;                // wheel acceleration per wheel torque: G M^-1 G^T
+    Matrix from_force_;                 // wheel acceleration per body force: G M^-1; columns: forward, yaw
     std::array<DryEffect, model::kMaxColumns> dry_{};
     std::size_t dry_count_ = 0;
 

@@ -42,24 +42,23 @@ PlantModel<Real> plant_model(const model::RobotParameters& from) {
 inline constexpr double kSoftSpeed = 0.04;
 inline constexpr double kSureSpeed = 0.15;
 
-// The torque that the effects are expected to add to the wheels.
+// The torque that the effects are expected to add at the wheels.
 template <typename Real>
 constexpr WheelPair<Real> expected_effect_torque_Nm(const PlantModel<Real>& plant,
                                                     const model::Motion<Real>& measured,
                                                     const Twist<Real>& reference) {
     const WheelPair<Real> reference_speed = model::wheel_speeds_from_twist(plant.geometry, reference);
-    WheelPair<Real> total{};
-    model::for_each_column(
-        plant.effects, measured, [&](std::size_t i, unsigned j, const WheelPair<Real>& column, bool dry) {
-            Real amount = plant.effects.parameter[i][j];
-            if (dry) {
-                const Real sliding = model::sliding_speed(column, measured.wheel_speed_rad_per_s);
-                const Real sure = sliding - std::clamp(sliding, Real(-kSureSpeed), Real(kSureSpeed));
-                const Real asked = model::sliding_speed(column, reference_speed);
-                amount *= -std::clamp((asked + sure) / Real(kSoftSpeed), Real(-1), Real(1));
-            }
-            total.left += amount * column.left;
-            total.right += amount * column.right;
+    WheelPair<Real> total =
+        model::smooth_effect_torque_Nm(plant.effects, {measured, {}, plant.geometry, plant.dynamics});
+    model::for_each_dry(
+        plant.effects, plant.geometry,
+        [&](std::size_t, unsigned, const WheelPair<Real>& direction, Real limit_Nm) {
+            const Real sliding = model::sliding_speed(direction, measured.wheel_speed_rad_per_s);
+            const Real sure = sliding - std::clamp(sliding, Real(-kSureSpeed), Real(kSureSpeed));
+            const Real asked = model::sliding_speed(direction, reference_speed);
+            const Real amount = -limit_Nm * std::clamp((asked + sure) / Real(kSoftSpeed), Real(-1), Real(1));
+            total.left += amount * direction.left;
+            total.right += amount * direction.right;
         });
     return total;
 }
@@ -71,7 +70,8 @@ constexpr WheelPair<Real> linearising_torque_Nm(const PlantModel<Real>& plant,
                                                 const Twist<Real>& reference, const TwistRate<Real>& nu) {
     const WheelPair<Real> total = model::inverse_dynamics(plant.dynamics, measured.twist, nu);
     const WheelPair<Real> effects = expected_effect_torque_Nm(plant, measured, reference);
-    return {total.left - effects.left, total.right - effects.right};
+    return model::asked_torque_Nm(plant.effects,
+                                  WheelPair<Real>{total.left - effects.left, total.right - effects.right});
 }
 
 // The acceleration nu that a torque stands for: the inverse of linearising_torque_Nm().
@@ -81,8 +81,10 @@ constexpr TwistRate<Real> linearised_acceleration(const PlantModel<Real>& plant,
                                                   const Twist<Real>& reference,
                                                   const WheelPair<Real>& torque_Nm) {
     const WheelPair<Real> effects = expected_effect_torque_Nm(plant, measured, reference);
+    const WheelPair<Real> delivered =
+        model::delivered_torque_Nm(plant.effects, {measured, torque_Nm, plant.geometry, plant.dynamics});
     return model::acceleration(plant.dynamics, measured.twist,
-                               {torque_Nm.left + effects.left, torque_Nm.right + effects.right});
+                               {delivered.left + effects.left, delivered.right + effects.right});
 }
 
 }  // namespace wheelwright::control

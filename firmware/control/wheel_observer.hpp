@@ -125,8 +125,11 @@ class WheelObserver {
     // True once each wheel has been heard.
     bool valid() const { return wheels_[0].heard && wheels_[1].heard; }
 
-    // Speeds, angles and twist at the last update's instant; heading_rad is left at 0.
+    // Speeds, angles and twist at the last update's instant, and the heading that was set.
     const model::Motion<Real>& motion() const { return motion_; }
+
+    // The encoders do not know it; effects may depend on it.
+    void set_heading(Real heading_rad) { motion_.heading_rad = heading_rad; }
 
     // How far each wheel turned between the last two updates. Sums of it follow the encoders without drift.
     const WheelPair<Real>& turned_rad() const { return turned_; }
@@ -214,14 +217,11 @@ class WheelObserver {
     WheelPair<Real> predict_acceleration(const PlantModel<Real>& plant, Real dt) {
         const auto& g = plant.geometry;
         const auto& k = plant.dynamics;
-        const WheelPair<Real> torque = acting_torque_Nm();
-        WheelPair<Real> net = torque;
-        model::for_each_column(plant.effects, motion_,
-                               [&](std::size_t i, unsigned j, const WheelPair<Real>& column, bool dry) {
-                                   if (dry) return;
-                                   net.left += plant.effects.parameter[i][j] * column.left;
-                                   net.right += plant.effects.parameter[i][j] * column.right;
-                               });
+        const model::EffectContext<Real> context{motion_, acting_torque_Nm(), g, k};
+        WheelPair<Real> net = model::delivered_torque_Nm(plant.effects, context);
+        const WheelPair<Real> smooth = model::smooth_effect_torque_Nm(plant.effects, context);
+        net.left += smooth.left;
+        net.right += smooth.right;
         const TwistRate<Real> body = model::acceleration(k, motion_.twist, net);
         WheelPair<Real> a =
             model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
@@ -229,9 +229,8 @@ class WheelObserver {
         wheels_[1].model_acceleration = a.right;
         a.left += wheels_[0].error;
         a.right += wheels_[1].error;
-        model::for_each_column(
-            plant.effects, motion_, [&](std::size_t i, unsigned j, const WheelPair<Real>& d, bool dry) {
-                if (!dry) return;
+        model::for_each_dry(
+            plant.effects, g, [&](std::size_t, unsigned, const WheelPair<Real>& d, Real friction) {
                 const WheelPair<Real> per_Nm = model::wheel_speeds_from_twist(
                     g, Twist<Real>{k.k7_per_kg_m * d.sum(), k.k8_per_kg_m2 * d.difference()});
                 const Real mobility = d.left * per_Nm.left + d.right * per_Nm.right;
@@ -239,7 +238,6 @@ class WheelObserver {
                 const Real stop = (model::sliding_speed(d, motion_.wheel_speed_rad_per_s) / dt +
                                    model::sliding_speed(d, a)) /
                                   mobility;
-                const Real friction = plant.effects.parameter[i][j];
                 const Real lambda = std::clamp(stop, -friction, friction);
                 a.left -= lambda * per_Nm.left;
                 a.right -= lambda * per_Nm.right;

@@ -40,7 +40,7 @@ struct AdaptiveEstimatorOptions {
     RegressionFilterOptions<Real> filter;  // kernel_s: see kAdaptiveKernel_s
     model::Dynamics<Real> dynamics;        // where to start, with its standard error (k6: not used)
     model::Dynamics<Real> standard_error;
-    model::EffectSet<Real> effects;  // start values; the columns are those of filter.effects.active
+    model::EffectSet<Real> effects;  // start values
     model::EffectSet<Real> effects_standard_error;
     Real memory_s = 4;
     Real minimum_excitation = Real(0.05);
@@ -60,7 +60,7 @@ class AdaptiveEstimator {
     void configure(const AdaptiveEstimatorOptions<Real>& options) {
         options_ = options;
         filter_.configure(options.filter);
-        columns_ = column_places(options.filter.effects, places_);
+        columns_ = column_places(filter_.estimated(), places_);
         size_ = kFixed + columns_;
         const auto dt = static_cast<Real>(options.filter.sample_time_s);
         const auto m = static_cast<Real>(filter_.block_samples());
@@ -119,7 +119,7 @@ class AdaptiveEstimator {
         hold_rows_ = 0;
         excited_.fill(false);
         estimate_ = {};
-        estimate_.effects.active = options.filter.effects.active;
+        estimate_.effects.active = filter_.estimated();
         work_ = Work::none;
         publish();
     }
@@ -183,7 +183,7 @@ class AdaptiveEstimator {
 
   private:
     static constexpr std::size_t kFixed = 3;
-    static constexpr int kSize = static_cast<int>(kFixed + model::kMaxColumns);
+    static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
     static constexpr int kWindowRows = 3;  // rows that one event can touch
     static constexpr int kRunRows = 16;
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
@@ -341,7 +341,7 @@ class AdaptiveEstimator {
     UdRls<Real, kSize, true> rls_;
     ExcitationMonitor<Real, kSize> monitor_;
     std::array<Row, 2> row_{};
-    std::array<ColumnPlace, model::kMaxColumns> places_{};
+    std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
     Vector low_{}, high_{};
     std::array<bool, kSize> excited_{};
     Real interval_s_{}, track_m_{};

@@ -96,7 +96,7 @@ class DelayEstimator {
     static constexpr double kLongestFurther_s = 0.008;
     static constexpr double kLongestKernel_s = 0.0285;
     static constexpr int kFixed = 1 + kTaps;
-    static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
+    static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr Real kPriorVariance = Real(1e6);
     static constexpr std::uint32_t kEnoughRows = 60;
     using Vector = std::array<Real, kSize>;

@@ -26,22 +26,25 @@ struct DynamicsEstimate {
     bool good_enough = false;       // K7 and K8 positive, and known to the wanted relative standard error
 };
 
-// Where in an EffectSet each column of a regression row belongs, in catalogue order.
+// Where in an EffectSet each column belongs, in catalogue order.
 struct ColumnPlace {
     std::uint8_t effect = 0;
     std::uint8_t parameter = 0;
 };
 
-template <typename Real>
-int column_places(const model::EffectSet<Real>& effects,
-                  std::array<ColumnPlace, model::kMaxColumns>& places) {
-    int count = 0;
-    model::for_each_column(effects, model::Motion<Real>{},
-                           [&](std::size_t effect, unsigned parameter, const WheelPair<Real>&, bool) {
-                               places[static_cast<std::size_t>(count++)] = {
-                                   static_cast<std::uint8_t>(effect), static_cast<std::uint8_t>(parameter)};
-                           });
-    return count;
+// The columns that model::for_each_column() makes for these effects: their number, and their places as far
+// as `places` goes.
+template <std::size_t kSize>
+constexpr int column_places(const std::array<bool, model::kEffectCount>& active,
+                            std::array<ColumnPlace, kSize>& places) {
+    std::size_t count = 0;
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!active[i] || !model::kLinearInParameters[i]) continue;
+        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j, ++count) {
+            if (count < kSize) places[count] = {static_cast<std::uint8_t>(i), static_cast<std::uint8_t>(j)};
+        }
+    }
+    return static_cast<int>(count);
 }
 
 }  // namespace wheelwright::ident

@@ -62,7 +62,7 @@ class DynamicsEstimator {
         options_ = options;
         options_.filter.tap_spacing_s = spacing_s(options.filter.delay_s);
         filter_.configure(options_.filter);
-        columns_ = column_places(options.filter.effects, places_);
+        columns_ = column_places(filter_.estimated(), places_);
         const int size = kFixed + columns_;
         Vector prior{};
         prior.fill(options.prior_variance);
@@ -139,8 +139,8 @@ class DynamicsEstimator {
     static constexpr int kVelocityProduct = 2;
     static constexpr int kTorque = 3;
     static constexpr int kFixed = 6;  // ..., spread, cross torque; from here on the effects' columns
-    static constexpr int kSize = kFixed + static_cast<int>(model::kMaxColumns);
-    static constexpr int kMaxColumns = static_cast<int>(model::kMaxColumns);
+    static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
+    static constexpr int kMaxColumns = static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr double kLargestTapSpacing_s = 0.003;
     static constexpr double kTimingMemory_s = 0.8;  // how long the data tell a delay that wanders
     // Standard errors from fewer are too uncertain to stop on.
@@ -231,7 +231,8 @@ class DynamicsEstimator {
         const auto p_product = covariances(equation, kVelocityProduct);
         equation.velocity_product_error =
             error(equation, kVelocityProduct, equation.errors.covariance(p_product, p_product));
-        std::array<typename Errors::Vector, model::kMaxColumns + 1> p;  // of the torque, and of each effect
+        std::array<typename Errors::Vector, model::kMaxEstimatedColumns + 1>
+            p;  // of the torque, and of each effect
         p[0] = covariances(equation, kTorque);
         for (int j = 0; j < columns_; ++j)
             p[static_cast<std::size_t>(j) + 1] = covariances(equation, kFixed + j);
@@ -362,7 +363,7 @@ class DynamicsEstimator {
     DynamicsEstimatorOptions<Real> options_{};
     RegressionFilter<Real, kTaps> filter_;
     std::array<Equation, 2> equation_{};
-    std::array<ColumnPlace, model::kMaxColumns> places_{};
+    std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
     int columns_ = 0;
     Real timing_memory_rows_ = 1;
     Work work_ = Work::none;

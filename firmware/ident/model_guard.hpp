@@ -115,9 +115,9 @@ class ModelGuard {
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
             if (!effects_.active[i]) continue;
             for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j)
-                changed |= step(
-                    effects_.parameter[i][j], trusted_effects_.parameter[i][j],
-                    share * std::max(original_effects_.parameter[i][j], trusted_effects_.parameter[i][j]));
+                changed |= step(effects_.parameter[i][j], trusted_effects_.parameter[i][j],
+                                share * std::max(std::abs(original_effects_.parameter[i][j]),
+                                                 std::abs(trusted_effects_.parameter[i][j])));
         }
         if (changed) ++changes_;
         return changed;

@@ -42,18 +42,21 @@ struct IdentSample {
 // One row of both regressions. Sums and differences are right + left and right - left.
 template <typename Real, int kTaps = 1>
 struct RegressionRow {
-    TwistRate<Real> acceleration;                              // y1, y2
-    Real omega_squared{};                                      // K5's regressor
-    Real v_omega{};                                            // K6's regressor
-    std::array<WheelPair<Real>, kTaps> torque_Nm{};            // one for each tap
-    std::array<WheelPair<Real>, model::kMaxColumns> column{};  // torque per unit of each active parameter
+    TwistRate<Real> acceleration;                                       // y1, y2
+    Real omega_squared{};                                               // K5's regressor
+    Real v_omega{};                                                     // K6's regressor
+    std::array<WheelPair<Real>, kTaps> torque_Nm{};                     // one for each tap
+    std::array<WheelPair<Real>, model::kMaxEstimatedColumns> column{};  // torque per unit of a parameter
     bool usable = false;  // no wheel stood still, no sample was marked unusable
 };
 
 template <typename Real>
 struct RegressionFilterOptions {
     model::Geometry<double> geometry;
-    model::EffectSet<Real> effects;  // columns are made for the active ones; values are not used
+    // Columns are made for model::estimated_effects(); the torque of the other active ones is known by their
+    // values, and part of the rows' torque.
+    model::EffectSet<Real> effects;
+    model::Dynamics<Real> dynamics;  // used by known effects only
     double sample_time_s{};
     double kernel_s{};                          // half the averaging weight's length
     double delay_s{};                           // from a cycle's start to the centroid of its torque
@@ -81,12 +84,19 @@ class RegressionFilter {
         row_scale_ = static_cast<Real>(1 / (m * (m * dt) * (m * dt)));
         speed_scale_ = static_cast<Real>(1 / (kSpeedSpan * dt));
         weight_scale_ = Real(1) / static_cast<Real>(2 * block_ * block_);
-        radius_ = {static_cast<Real>(options.geometry.wheel_radius_m.left),
-                   static_cast<Real>(options.geometry.wheel_radius_m.right)};
+        geometry_ = {{static_cast<Real>(options.geometry.wheel_radius_m.left),
+                      static_cast<Real>(options.geometry.wheel_radius_m.right)},
+                     static_cast<Real>(options.geometry.track_m)};
         inverse_track_ = static_cast<Real>(1 / options.geometry.track_m);
+        estimated_.active = model::estimated_effects(options.effects.active);
+        known_ = options.effects;
         columns_ = 0;
-        model::for_each_column(options_.effects, model::Motion<Real>{},
-                               [this](std::size_t, unsigned, const WheelPair<Real>&, bool) { ++columns_; });
+        have_known_ = false;
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            if (estimated_.active[i]) columns_ += static_cast<int>(model::kEffects[i].parameters.size());
+            known_.active[i] = options.effects.active[i] && !estimated_.active[i];
+            have_known_ = have_known_ || known_.active[i];
+        }
         set_delay(options.delay_s, options.tap_spacing_s);
         restart();
     }
@@ -141,7 +151,8 @@ class RegressionFilter {
 
     const RegressionRow<Real, kTaps>& row() const { return row_; }
     int block_samples() const { return block_; }
-    int columns() const { return columns_; }  // those of the active effects, in catalogue order
+    int columns() const { return columns_; }  // those of the estimated effects, in catalogue order
+    const std::array<bool, model::kEffectCount>& estimated() const { return estimated_.active; }
     const RegressionFilterOptions<Real>& options() const { return options_; }
 
   private:
@@ -151,7 +162,7 @@ class RegressionFilter {
     static constexpr double kMinimumDelay = -2;
     static constexpr double kMaximumDelay = 27;
     static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
-    static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxColumns;
+    static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxEstimatedColumns;
     using Signals = std::array<Real, kSignals>;
 
     struct Tap {
@@ -176,6 +187,7 @@ class RegressionFilter {
                                     (speed_[0].right + speed_[2].right) / 2};
         Signals g{};
         fill_signals(now, heading_rad, speed, g);
+        if (have_known_) add_known_torque(now, heading_rad, speed, g);
 
         const int j = position_in_block_;
         const Real early = static_cast<Real>(j * (j + 1)) * weight_scale_;
@@ -201,11 +213,9 @@ class RegressionFilter {
     }
 
     void fill_signals(unsigned now, Real heading_rad, const WheelPair<Real>& speed, Signals& g) {
-        const Real left = radius_.left * speed.left;
-        const Real right = radius_.right * speed.right;
-        const Twist<Real> twist{(right + left) / 2, (right - left) * inverse_track_};
-        g[0] = twist.omega_rad_per_s * twist.omega_rad_per_s;
-        g[1] = twist.v_m_per_s * twist.omega_rad_per_s;
+        const model::Motion<Real> motion = motion_at(now, heading_rad, speed);
+        g[0] = motion.twist.omega_rad_per_s * motion.twist.omega_rad_per_s;
+        g[1] = motion.twist.v_m_per_s * motion.twist.omega_rad_per_s;
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
             const Tap& tap = tap_[k];
             // torque_[n] was told in cycle n - 1
@@ -216,24 +226,51 @@ class RegressionFilter {
             g[2 + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
             g[3 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
         }
-        const model::Motion<Real> motion{speed,
-                                         {static_cast<Real>(angle_[(now - kLatency) % kAngles].left),
-                                          static_cast<Real>(angle_[(now - kLatency) % kAngles].right)},
-                                         twist,
-                                         heading_rad};
+        const model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
         std::size_t at = kFirstColumn;
-        model::for_each_column(options_.effects, motion,
+        model::for_each_column(estimated_, context,
                                [&](std::size_t, unsigned, const WheelPair<Real>& column, bool dry) {
-                                   Real amount = 1;
-                                   if (dry) {
-                                       const Real before = model::sliding_speed(column, speed_[0]);
-                                       const Real here = model::sliding_speed(column, speed_[1]);
-                                       const Real after = model::sliding_speed(column, speed_[2]);
-                                       amount = -(mean_sign(before, here) + mean_sign(here, after)) / 2;
-                                   }
+                                   const Real amount = dry ? -mean_sliding_sign(column) : Real(1);
                                    g[at++] = amount * column.left;
                                    g[at++] = amount * column.right;
                                });
+    }
+
+    model::Motion<Real> motion_at(unsigned now, Real heading_rad, const WheelPair<Real>& speed) const {
+        const WheelPair<double>& angle = angle_[(now - kLatency) % kAngles];
+        const Real left = geometry_.wheel_radius_m.left * speed.left;
+        const Real right = geometry_.wheel_radius_m.right * speed.right;
+        return {speed,
+                {static_cast<Real>(angle.left), static_cast<Real>(angle.right)},
+                {(right + left) / 2, (right - left) * inverse_track_},
+                heading_rad};
+    }
+
+    // Every tap's torque becomes what arrives of it at the wheels, and what the known effects add there.
+    [[gnu::noinline]] void add_known_torque(unsigned now, Real heading_rad, const WheelPair<Real>& speed,
+                                            Signals& g) const {
+        const model::Motion<Real> motion = motion_at(now, heading_rad, speed);
+        model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
+        WheelPair<Real> known = model::smooth_effect_torque_Nm(known_, context);
+        model::for_each_dry(known_, geometry_,
+                            [&](std::size_t, unsigned, const WheelPair<Real>& d, Real limit_Nm) {
+                                const Real amount = -limit_Nm * mean_sliding_sign(d);
+                                known.left += amount * d.left;
+                                known.right += amount * d.right;
+                            });
+        for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
+            context.applied_torque_Nm = {g[2 + 2 * k], g[3 + 2 * k]};
+            const WheelPair<Real> delivered = model::delivered_torque_Nm(known_, context);
+            g[2 + 2 * k] = delivered.left + known.left;
+            g[3 + 2 * k] = delivered.right + known.right;
+        }
+    }
+
+    Real mean_sliding_sign(const WheelPair<Real>& direction) const {
+        const Real before = model::sliding_speed(direction, speed_[0]);
+        const Real here = model::sliding_speed(direction, speed_[1]);
+        const Real after = model::sliding_speed(direction, speed_[2]);
+        return (mean_sign(before, here) + mean_sign(here, after)) / 2;
     }
 
     void count_standing(int& run, Real speed) {
@@ -265,9 +302,10 @@ class RegressionFilter {
         Signals g{};
         const std::size_t used = kFirstColumn + 2 * static_cast<std::size_t>(columns_);
         for (std::size_t i = 0; i < used; ++i) g[i] = (pending_[i] + late_[i]) * inverse_block_;
-        const Real left = radius_.left * angle_acceleration(&WheelPair<double>::left, &WheelPair<Real>::left);
-        const Real right =
-            radius_.right * angle_acceleration(&WheelPair<double>::right, &WheelPair<Real>::right);
+        const Real left = geometry_.wheel_radius_m.left *
+                          angle_acceleration(&WheelPair<double>::left, &WheelPair<Real>::left);
+        const Real right = geometry_.wheel_radius_m.right *
+                           angle_acceleration(&WheelPair<double>::right, &WheelPair<Real>::right);
         row_.acceleration = {(right + left) / 2, (right - left) * inverse_track_};
         row_.omega_squared = g[0];
         row_.v_omega = g[1];
@@ -297,7 +335,9 @@ class RegressionFilter {
     int block_ = kMinimumBlock;
     int columns_ = 0;
     Real inverse_block_{}, row_scale_{}, speed_scale_{}, weight_scale_{}, inverse_track_{};
-    WheelPair<Real> radius_{};
+    model::Geometry<Real> geometry_{};
+    model::EffectSet<Real> estimated_, known_;
+    bool have_known_ = false;
     std::array<Tap, kTaps> tap_{};
 
     unsigned now_ = 0;

@@ -1,23 +1,37 @@
 // What an effect of the catalogue is made of. An effect is a stateless type with static members; effects.hpp
 // lists them. One equation serves simulation, identification and compensation:
 //
-//   torque that accelerates = applied torque + sum over parameters j of  p_j * column_j(motion)
+//   torque that accelerates = applied torque + sum over the effect's coordinates c_k of  c_k * column_k
 //
-// where a column is the pair of wheel torques that one unit of the parameter produces.
+// where a column is what one unit of the coordinate does, as a pair of wheel torques or as a force on the
+// body (which is the pair of wheel torques that does the same work, wheel_torque_Nm()).
 //
 // An effect provides:
 //   static constexpr EffectInfo info;                                    name, meaning, parameters
-//   and, per parameter j, one of
-//   static WheelPair<Real> smooth_column(unsigned j, const Motion<Real>&);   smooth: torque per unit
-//   static WheelPair<Real> dry_direction(unsigned j);                        dry: sliding speed is
-//       s = d.left * speed.left + d.right * speed.right, and the friction torque is -lambda * d with
-//       lambda = p_j sign(s) while sliding, |lambda| <= p_j while sticking.
+//   and one of
+//   static Push column(unsigned k, const EffectContext<Real>&);          smooth: what one unit does
+//   static WheelPair<Real> each_wheel(const EffectContext<Real>&);       smooth, two parameters, left and
+//       right: what one unit of each does to its own wheel, and nothing to the other
+//   static Push dry_direction<Real>(unsigned j);                         dry: with d its wheel torques, the
+//       sliding speed is s = d.left * speed.left + d.right * speed.right, and the friction torque is -lambda
+//       * d with lambda = p_j sign(s) while sliding, |lambda| <= p_j while sticking.
+//   static WheelPair<Real> torque(const Parameters<Real>&, const EffectContext<Real>&);
+//       smooth and linear in nothing
+// where Push is WheelPair<Real> or BodyForce<Real>. The coordinates are the parameters, unless it provides
+//   static constexpr std::size_t coordinate_count;
+//   static Parameters<Real> coordinates(const Parameters<Real>&);        in which it is linear; and
+//   static Parameters<Real> from_coordinates(const Parameters<Real>&);   back
+// An effect on the torque's way to the wheel, whose columns depend on the applied torque, also provides
+//   static WheelPair<Real> asked(const Parameters<Real>&, const WheelPair<Real>& delivered_Nm);
+//       what to apply for a wanted torque: the controllers' compensation. Several act in catalogue order.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <span>
 #include <string_view>
 
+#include "firmware/model/dynamics.hpp"
 #include "firmware/model/types.hpp"
 
 namespace wheelwright::model {
@@ -39,7 +53,10 @@ struct EffectInfo {
 
 inline constexpr std::size_t kMaxEffectParameters = 4;
 
-// What the effects may depend on.
+// Values of an effect's parameters, or of its coordinates; those it does not have are 0.
+template <typename Real>
+using Parameters = std::array<Real, kMaxEffectParameters>;
+
 template <typename Real>
 struct Motion {
     WheelPair<Real> wheel_speed_rad_per_s;
@@ -47,5 +64,33 @@ struct Motion {
     Twist<Real> twist;
     Real heading_rad{};
 };
+
+// What the effects may depend on. Refers to what it is made of.
+template <typename Real>
+struct EffectContext {
+    const Motion<Real>& motion;
+    WheelPair<Real> applied_torque_Nm;  // used by effects on the torque's way only
+    const Geometry<Real>& geometry;
+    const Dynamics<Real>& dynamics;
+};
+
+// On the body, at the middle of the axle.
+template <typename Real>
+struct BodyForce {
+    Real force_N{};  // forward
+    Real yaw_torque_Nm{};
+};
+
+// The wheel torques that do the same work: tau_L w_L + tau_R w_R = F v + N omega for every motion.
+template <typename Real>
+constexpr WheelPair<Real> wheel_torque_Nm(const Geometry<Real>& g, const BodyForce<Real>& push) {
+    const Real half = push.force_N / 2;
+    const Real couple = push.yaw_torque_Nm / g.track_m;
+    return {g.wheel_radius_m.left * (half - couple), g.wheel_radius_m.right * (half + couple)};
+}
+template <typename Real>
+constexpr WheelPair<Real> wheel_torque_Nm(const Geometry<Real>&, const WheelPair<Real>& torque_Nm) {
+    return torque_Nm;
+}
 
 }  // namespace wheelwright::model

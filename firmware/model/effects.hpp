@@ -11,27 +11,74 @@
 
 #include "firmware/model/effect.hpp"
 #include "firmware/model/effects/coulomb_friction.hpp"
+#include "firmware/model/effects/quadratic_drag.hpp"
+#include "firmware/model/effects/slope.hpp"
+#include "firmware/model/effects/torque_bias.hpp"
+#include "firmware/model/effects/torque_gain_mismatch.hpp"
+#include "firmware/model/effects/turning_scrub.hpp"
 #include "firmware/model/effects/viscous_friction.hpp"
 
 namespace wheelwright::model {
 
 // Order is part of the CAN parameter index (robot_parameters.hpp): append, never reorder.
 using Catalogue = std::tuple<ViscousFriction,  //
-                             CoulombFriction>;
+                             CoulombFriction,  //
+                             QuadraticDrag,    //
+                             TurningScrub,     //
+                             TorqueBias,       //
+                             Slope,            //
+                             TorqueGainMismatch>;
 
 inline constexpr std::size_t kEffectCount = std::tuple_size_v<Catalogue>;
 
-inline constexpr std::array<EffectInfo, kEffectCount> kEffects =
-    []<std::size_t... I>(std::index_sequence<I...>) {
-        return std::array<EffectInfo, kEffectCount>{std::tuple_element_t<I, Catalogue>::info...};
-    }(std::make_index_sequence<kEffectCount>{});
+// The kinds of effect.hpp.
+template <typename Effect>
+concept Dry = requires { Effect::template dry_direction<double>(0U); };
+template <typename Effect>
+concept EachWheel = requires(const EffectContext<double>& context) { Effect::each_wheel(context); };
+template <typename Effect>
+concept HasOwnCoordinates = requires { Effect::coordinate_count; };
+template <typename Effect>
+concept OnTorquePath = requires(Parameters<double> p, WheelPair<double> torque) { Effect::asked(p, torque); };
+template <typename Effect>
+concept HasColumns = requires(const EffectContext<double>& context) { Effect::column(0U, context); } ||
+                     EachWheel<Effect> || Dry<Effect>;
+// Its parameters are the coefficients of its columns, whatever the applied torque.
+template <typename Effect>
+concept LinearInParameters = HasColumns<Effect> && !HasOwnCoordinates<Effect> && !OnTorquePath<Effect>;
 
-// Columns an estimator may have to carry: one for each parameter of each effect.
+template <typename Effect>
+inline constexpr std::size_t kCoordinates = [] {
+    if constexpr (HasOwnCoordinates<Effect>) {
+        return Effect::coordinate_count;
+    } else {
+        return HasColumns<Effect> ? Effect::parameters.size() : 0;
+    }
+}();
+
+// One value made from each effect's type, in catalogue order.
+template <typename Make>
+constexpr auto for_catalogue(Make&& make) {
+    return [&]<std::size_t... I>(std::index_sequence<I...>) {
+        return std::array{make.template operator()<std::tuple_element_t<I, Catalogue>>()...};
+    }(std::make_index_sequence<kEffectCount>{});
+}
+
+inline constexpr std::array<EffectInfo, kEffectCount> kEffects =
+    for_catalogue([]<typename Effect>() { return Effect::info; });
+inline constexpr std::array<bool, kEffectCount> kLinearInParameters =
+    for_catalogue([]<typename Effect>() { return LinearInParameters<Effect>; });
+
+// All parameters of the whole catalogue.
 inline constexpr std::size_t kMaxColumns = [] {
     std::size_t total = 0;
     for (const EffectInfo& effect : kEffects) total += effect.parameters.size();
     return total;
 }();
+
+// Parameters that the cycle's estimators have room for: it sets the size of their matrices, and with it the
+// cycle's cost, however long the catalogue grows.
+inline constexpr std::size_t kMaxEstimatedColumns = 4;
 
 // Index into kEffects, or kEffectCount for an unknown name.
 constexpr std::size_t find_effect(std::string_view name) {
@@ -44,48 +91,154 @@ constexpr std::size_t find_effect(std::string_view name) {
 template <typename Real>
 struct EffectSet {
     std::array<bool, kEffectCount> active{};
-    std::array<std::array<Real, kMaxEffectParameters>, kEffectCount> parameter{};
+    std::array<Parameters<Real>, kEffectCount> parameter{};
 };
 
-// Calls visit(effect index, parameter index, column, is_dry) for each parameter of each active effect, in
-// catalogue order. For a smooth effect `column` is the wheel torque of one unit of the parameter; for a dry
-// one it is the direction d of effect.hpp. Cost: one test for each effect that is not active.
-template <typename Real, typename Visitor>
-constexpr void for_each_column(const EffectSet<Real>& set, const Motion<Real>& motion, Visitor&& visit) {
+// Those of the active effects that the cycle's estimators carry: linear in their parameters, in catalogue
+// order as far as there is room. The others stay as the robot file says; the estimators take their torque as
+// known.
+constexpr std::array<bool, kEffectCount> estimated_effects(const std::array<bool, kEffectCount>& active) {
+    std::array<bool, kEffectCount> estimated{};
+    std::size_t columns = 0;
+    for (std::size_t i = 0; i < kEffectCount; ++i) {
+        const std::size_t more = kEffects[i].parameters.size();
+        if (!active[i] || !kLinearInParameters[i] || columns + more > kMaxEstimatedColumns) continue;
+        estimated[i] = true;
+        columns += more;
+    }
+    return estimated;
+}
+
+// Calls visit(index, type) as visit.template operator()<Effect>(i) for each active effect, in catalogue
+// order. Cost: one test for each effect that is not active.
+template <typename Visitor>
+constexpr void for_each_active(const std::array<bool, kEffectCount>& active, Visitor&& visit) {
     const auto one = [&]<std::size_t I>(std::integral_constant<std::size_t, I>) {
-        using Effect = std::tuple_element_t<I, Catalogue>;
-        if (!set.active[I]) return;
-        for (unsigned j = 0; j < Effect::parameters.size(); ++j) {
-            if constexpr (requires { Effect::template dry_direction<Real>(j); }) {
-                visit(I, j, Effect::template dry_direction<Real>(j), true);
-            } else {
-                visit(I, j, Effect::smooth_column(j, motion), false);
-            }
-        }
+        if (active[I]) visit.template operator()<std::tuple_element_t<I, Catalogue>>(I);
     };
     [&]<std::size_t... I>(std::index_sequence<I...>) {
         (one(std::integral_constant<std::size_t, I>{}), ...);
     }(std::make_index_sequence<kEffectCount>{});
 }
 
+// The wheel torque that one unit of a smooth effect's coordinate k gives.
+template <typename Effect, typename Real>
+constexpr WheelPair<Real> smooth_column(unsigned k, const EffectContext<Real>& context) {
+    if constexpr (EachWheel<Effect>) {
+        const WheelPair<Real> both = Effect::each_wheel(context);
+        return k == 0 ? WheelPair<Real>{both.left, 0} : WheelPair<Real>{0, both.right};
+    } else {
+        return wheel_torque_Nm(context.geometry, Effect::column(k, context));
+    }
+}
+
+// Calls visit(effect index, parameter index, column, is_dry) for each parameter of each active effect that is
+// linear in its parameters, in catalogue order. For a smooth effect `column` is the wheel torque of one unit
+// of the parameter; for a dry one it is the direction d of effect.hpp.
+template <typename Real, typename Visitor>
+constexpr void for_each_column(const EffectSet<Real>& set, const EffectContext<Real>& context,
+                               Visitor&& visit) {
+    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
+        if constexpr (LinearInParameters<Effect>) {
+            for (unsigned j = 0; j < Effect::parameters.size(); ++j) {
+                if constexpr (Dry<Effect>) {
+                    visit(i, j, wheel_torque_Nm(context.geometry, Effect::template dry_direction<Real>(j)),
+                          true);
+                } else {
+                    visit(i, j, smooth_column<Effect>(j, context), false);
+                }
+            }
+        }
+    });
+}
+
+// Calls visit(effect index, parameter index, direction d, limit in Nm) for each parameter of each active dry
+// effect.
+template <typename Real, typename Visitor>
+constexpr void for_each_dry(const EffectSet<Real>& set, const Geometry<Real>& geometry, Visitor&& visit) {
+    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
+        if constexpr (Dry<Effect>) {
+            for (unsigned j = 0; j < Effect::parameters.size(); ++j) {
+                visit(i, j, wheel_torque_Nm(geometry, Effect::template dry_direction<Real>(j)),
+                      set.parameter[i][j]);
+            }
+        }
+    });
+}
+
+// Adds the wheel torque of one smooth effect.
+template <typename Effect, typename Real>
+constexpr void add_smooth_torque(const Parameters<Real>& parameter, const EffectContext<Real>& context,
+                                 WheelPair<Real>& total_Nm) {
+    if constexpr (EachWheel<Effect>) {
+        const WheelPair<Real> both = Effect::each_wheel(context);
+        total_Nm.left += parameter[0] * both.left;
+        total_Nm.right += parameter[1] * both.right;
+    } else if constexpr (HasOwnCoordinates<Effect>) {
+        const Parameters<Real> amount = Effect::coordinates(parameter);
+        for (unsigned k = 0; k < Effect::coordinate_count; ++k) {
+            const WheelPair<Real> column = smooth_column<Effect>(k, context);
+            total_Nm.left += amount[k] * column.left;
+            total_Nm.right += amount[k] * column.right;
+        }
+    } else if constexpr (HasColumns<Effect>) {
+        for (unsigned k = 0; k < Effect::parameters.size(); ++k) {
+            const WheelPair<Real> column = smooth_column<Effect>(k, context);
+            total_Nm.left += parameter[k] * column.left;
+            total_Nm.right += parameter[k] * column.right;
+        }
+    } else {
+        const WheelPair<Real> torque = Effect::torque(parameter, context);
+        total_Nm.left += torque.left;
+        total_Nm.right += torque.right;
+    }
+}
+
+// The torque that the active smooth effects add to the wheels; those on the torque's way are not in it.
+// kWheelsOnly leaves out all but those that act on each wheel by itself.
+template <bool kWheelsOnly = false, typename Real>
+constexpr WheelPair<Real> smooth_effect_torque_Nm(const EffectSet<Real>& set,
+                                                  const EffectContext<Real>& context) {
+    WheelPair<Real> total{};
+    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
+        if constexpr (!Dry<Effect> && !OnTorquePath<Effect> && (EachWheel<Effect> || !kWheelsOnly)) {
+            add_smooth_torque<Effect>(set.parameter[i], context, total);
+        }
+    });
+    return total;
+}
+
+// What arrives at the wheels of the context's applied torque.
+template <typename Real>
+constexpr WheelPair<Real> delivered_torque_Nm(const EffectSet<Real>& set, EffectContext<Real> context) {
+    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
+        if constexpr (OnTorquePath<Effect>) {
+            WheelPair<Real> delivered = context.applied_torque_Nm;
+            add_smooth_torque<Effect>(set.parameter[i], context, delivered);
+            context.applied_torque_Nm = delivered;
+        }
+    });
+    return context.applied_torque_Nm;
+}
+
+// What to apply so that `wanted_Nm` arrives at the wheels: the inverse of delivered_torque_Nm().
+template <typename Real>
+constexpr WheelPair<Real> asked_torque_Nm(const EffectSet<Real>& set, WheelPair<Real> wanted_Nm) {
+    const auto one = [&]<std::size_t I>(std::integral_constant<std::size_t, I>) {
+        using Effect = std::tuple_element_t<I, Catalogue>;
+        if constexpr (OnTorquePath<Effect>) {
+            if (set.active[I]) wanted_Nm = Effect::asked(set.parameter[I], wanted_Nm);
+        }
+    };
+    [&]<std::size_t... I>(std::index_sequence<I...>) {
+        (one(std::integral_constant<std::size_t, kEffectCount - 1 - I>{}), ...);
+    }(std::make_index_sequence<kEffectCount>{});
+    return wanted_Nm;
+}
+
 template <typename Real>
 constexpr Real sliding_speed(const WheelPair<Real>& direction, const WheelPair<Real>& wheel_speed_rad_per_s) {
     return direction.left * wheel_speed_rad_per_s.left + direction.right * wheel_speed_rad_per_s.right;
-}
-
-// The torque that the active effects add to the wheels (mostly against the motion). `sign` maps a sliding
-// speed in rad/s to [-1, 1]; controllers pass a softened one.
-template <typename Real, typename Sign>
-constexpr WheelPair<Real> effect_torque_Nm(const EffectSet<Real>& set, const Motion<Real>& motion,
-                                           Sign&& sign) {
-    WheelPair<Real> total{};
-    for_each_column(set, motion, [&](std::size_t i, unsigned j, const WheelPair<Real>& column, bool dry) {
-        Real amount = set.parameter[i][j];
-        if (dry) amount *= -sign(sliding_speed(column, motion.wheel_speed_rad_per_s));
-        total.left += amount * column.left;
-        total.right += amount * column.right;
-    });
-    return total;
 }
 
 }  // namespace wheelwright::model

@@ -136,6 +136,7 @@ void Cycle::observe() {
                      time_.missed == 0 && !slip_.slipping(time_.scheduled_ns);
     sample_.last_torque_Nm = sent_torque_Nm_;
     sample_.heading_rad = odometry_.pose().heading_rad;
+    observer_.set_heading(sample_.heading_rad);
 }
 
 bool Cycle::stale(std::int64_t time_ns, double limit_s) const {

@@ -25,6 +25,7 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
     ident::RegressionFilterOptions<double> options;
     options.geometry = p.geometry;
     options.effects = p.effects;
+    options.dynamics = p.dynamics;
     options.sample_time_s = kCyclePeriod_s;
     options.kernel_s = kernel_s;
     options.sample_age_s = Learning::sample_age_s(p);

@@ -186,6 +186,7 @@ class Reader {
         check_limits();
         check_lines();
         take_notes();
+        note_effects_not_estimated();
         return finish();
     }
 
@@ -588,6 +589,27 @@ class Reader {
         const double fastest = rate * std::hypot(p.trajectory.length_m / 2, p.trajectory.width_m);
         not_above("trajectory.period_s", fastest, "limits.speed_m_per_s", p.limits.speed_m_per_s, "m/s",
                   "the standard figure-8 asks for ");
+    }
+
+    void note_effects_not_estimated() {
+        const std::array<bool, model::kEffectCount>& active = robot_.parameters.effects.active;
+        const std::array<bool, model::kEffectCount> estimated = model::estimated_effects(active);
+        std::string carried;
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            if (!estimated[i]) continue;
+            if (!carried.empty()) carried += ", ";
+            carried += model::kEffects[i].name;
+        }
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            if (!active[i] || estimated[i]) continue;
+            const std::string name(model::kEffects[i].name);
+            note(std::string(kEffects) + "." + name,
+                 model::kLinearInParameters[i]
+                     ? "stays as it is written here: the estimators have room for " +
+                           std::to_string(model::kMaxEstimatedColumns) + " parameters, which " + carried +
+                           " take"
+                     : "stays as it is written here: it is not linear in its parameters");
+        }
     }
 
     void not_above(const char* key, double value, const char* bound_key, double bound, std::string_view unit,

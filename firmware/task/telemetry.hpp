@@ -50,7 +50,7 @@ struct CycleReport {
     model::Dynamics<double> estimate;
     model::Dynamics<double> standard_error;
     model::Dynamics<double> covariance;  // bare diagonal of P
-    std::array<EffectReport, model::kMaxColumns> effects;
+    std::array<EffectReport, model::kMaxEstimatedColumns> effects;
     std::size_t effect_count = 0;
     protocol::IdentStatus ident;
     protocol::Timing timing;

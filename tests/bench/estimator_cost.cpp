@@ -91,7 +91,9 @@ double paper(int steps) {
 double adaptive(int steps) {
     ident::AdaptiveEstimatorOptions<double> options;
     options.filter.geometry = {{0.075, 0.075}, 0.32};
-    options.filter.effects.active.fill(true);
+    for (const char* name : {"viscous_friction", "coulomb_friction"}) {
+        options.filter.effects.active[model::find_effect(name)] = true;
+    }
     options.filter.sample_time_s = 0.001;
     options.filter.kernel_s = ident::kAdaptiveKernel_s;
     options.filter.delay_s = 0.0027;

@@ -38,7 +38,7 @@ struct AdaptiveDrive {
     explicit AdaptiveDrive(unsigned seed, const RobotTruth& truth = {}) : robot(truth, seed) {
         ident::AdaptiveEstimatorOptions<Real> o;
         o.filter.geometry = test::geometry_of(truth);
-        o.filter.effects = test::all_effects<Real>();
+        o.filter.effects = test::both_frictions<Real>();
         o.filter.sample_time_s = 0.001;
         o.filter.kernel_s = ident::kAdaptiveKernel_s;
         o.filter.delay_s = 0.0027;

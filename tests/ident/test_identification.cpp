@@ -18,7 +18,7 @@ ident::IdentificationOptions<Real> options_for(const RobotTruth& truth) {
     ident::IdentificationOptions<Real> o;
     o.excitation = {Real(5), 0.01, 0.001, Real(0.8), Real(5), Real(1.5)};
     o.estimator.filter.geometry = test::geometry_of(truth);
-    o.estimator.filter.effects = test::all_effects<Real>();
+    o.estimator.filter.effects = test::both_frictions<Real>();
     o.estimator.filter.sample_time_s = 0.001;
     o.estimator.filter.kernel_s = 0.0165;  // blocks of 11 ms: no common factor with the bits
     o.delay_phase_s = 4;

@@ -153,14 +153,16 @@ class TestRobot {
     Twist<double> estimate_{};
 };
 
-// The firmware's geometry of that robot, and all effects of the catalogue as columns.
+// The firmware's geometry of that robot, and its effects: both frictions.
 inline model::Geometry<double> geometry_of(const RobotTruth& truth) {
     return {{truth.radius_m, truth.radius_m}, truth.track_m};
 }
 template <typename Real>
-model::EffectSet<Real> all_effects() {
+model::EffectSet<Real> both_frictions() {
     model::EffectSet<Real> set;
-    set.active.fill(true);
+    for (const char* name : {"viscous_friction", "coulomb_friction"}) {
+        set.active[model::find_effect(name)] = true;
+    }
     return set;
 }
 

@@ -1,8 +1,10 @@
 // The simulated body against closed-form mechanics.
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
 
+#include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/model/dynamics.hpp"
 #include "sim_hal/plant.hpp"
 //
@@ -43,6 +45,15 @@ model::EffectSet<double> friction(double viscous, double coulomb_left, double co
     effects.parameter[drag] = {viscous, viscous};
     effects.active[dry] = coulomb_left > 0 || coulomb_right > 0;
     effects.parameter[dry] = {coulomb_left, coulomb_right};
+    return effects;
+}
+
+model::EffectSet<double> effect(const char* name, const model::Parameters<double>& parameters) {
+    model::EffectSet<double> effects;
+    const std::size_t i = model::find_effect(name);
+    CHECK(i < model::kEffectCount);
+    effects.active[i] = true;
+    effects.parameter[i] = parameters;
     return effects;
 }
 
@@ -321,4 +332,182 @@ TEST(SimPlantFriction, the_motion_does_not_depend_on_how_time_is_cut) {
     DOUBLES_EQUAL(fine.pose().x_m, coarse.pose().x_m, 1e-4);
     DOUBLES_EQUAL(fine.pose().y_m, coarse.pose().y_m, 1e-4);
     DOUBLES_EQUAL(fine.pose().heading_rad, coarse.pose().heading_rad, 3e-4);
+}
+
+// Newton's laws by hand, with the mass and inertia that K7 and K8 stand for.
+TEST_GROUP(SimPlantEffects){};
+
+TEST(SimPlantEffects, quadratic_drag_slows_a_coasting_robot_along_the_hyperbola) {
+    const double c = 2.3;
+    Plant p = plant(uncoupled(), effect("quadratic_drag", {c}));
+    p.place({}, {-1.7, 0});
+    go(p, 2.5, {});
+    const double mass = 1 / (1.31 * 0.0743);
+    DOUBLES_EQUAL(-1.7 / (1 + c / mass * 1.7 * 2.5), p.twist().v_m_per_s, 1e-6);
+    DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-15);
+}
+
+TEST(SimPlantEffects, quadratic_drag_acts_on_the_body_and_turns_it_only_by_unequal_wheels) {
+    // a force at the axle's middle, whatever the wheels
+    Plant p = plant(uncoupled(), effect("quadratic_drag", {2.3}), geometry(0.071, 0.079));
+    p.place({}, {1.2, 0});
+    go(p, 0.5, {});
+    DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-12);
+    CHECK(p.twist().v_m_per_s < 1.19);
+}
+
+TEST(SimPlantEffects, turning_scrub_stops_a_turn_when_the_formula_says_and_lets_the_robot_roll) {
+    const double scrub = 0.4;
+    Plant p = plant(uncoupled(), effect("turning_scrub", {scrub}), geometry(0.071, 0.079));
+    p.place({}, {0.5, 2.0});
+    const double inertia = p.parameters().inertia_kg_m2;
+    go(p, 0.2, {});
+    DOUBLES_EQUAL(2.0 - scrub / inertia * 0.2, p.twist().omega_rad_per_s, 1e-10);
+    DOUBLES_EQUAL(0.5, p.twist().v_m_per_s, 1e-10);
+    go(p, 2.0 * inertia / scrub, {});
+    DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-15);
+    DOUBLES_EQUAL(0.5, p.twist().v_m_per_s, 1e-10);
+}
+
+TEST(SimPlantEffects, turning_scrub_holds_the_heading_below_its_limit_and_not_above) {
+    Plant p = plant(uncoupled(), effect("turning_scrub", {0.4}));
+    // N = (tau_R - tau_L) b / (2 r): 0.4 Nm at a difference of 0.1818 Nm
+    go(p, 0.5, {0.1, 0.281});
+    DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-15);
+    CHECK(p.twist().v_m_per_s > 0.1);
+    go(p, 0.1, {0.1, 0.283});
+    CHECK(p.twist().omega_rad_per_s > 0);
+}
+
+TEST(SimPlantEffects, torque_bias_drives_a_robot_that_nobody_drives) {
+    Plant p = plant(uncoupled(), effect("torque_bias", {0.05, -0.02}));
+    go(p, 0.7, {});
+    DOUBLES_EQUAL(1.31 * 0.03 * 0.7, p.twist().v_m_per_s, 1e-12);
+    DOUBLES_EQUAL(6.1 * -0.07 * 0.7, p.twist().omega_rad_per_s, 1e-12);
+}
+
+TEST(SimPlantEffects, a_slope_pulls_back_uphill_and_forward_downhill_by_g_sine) {
+    const double angle = 0.06;
+    for (const double uphill : {0.0, 2.1, -1.3}) {
+        Plant p = plant(uncoupled(), effect("slope", {angle, uphill}));
+        p.place({0, 0, 0.4}, {});
+        go(p, 0.3, {});
+        DOUBLES_EQUAL(-9.80665 * std::sin(angle) * std::cos(uphill - 0.4) * 0.3, p.twist().v_m_per_s, 1e-9);
+        DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-12);
+    }
+}
+
+TEST(SimPlantEffects, on_a_slope_the_centre_of_gravity_ahead_turns_the_robot_downhill) {
+    const double angle = 0.06;
+    Plant p = plant(dynamics(), effect("slope", {angle, 1.5707963267948966}));  // the left side is up
+    p.advance(1e-4, {});
+    const PlantParameters& q = p.parameters();
+    const double yaw_torque = -q.centrifugal_kg_m * 9.80665 * std::sin(angle);
+    DOUBLES_EQUAL(yaw_torque / q.inertia_kg_m2 * 1e-4, p.twist().omega_rad_per_s, 1e-9);
+    DOUBLES_EQUAL(0, p.twist().v_m_per_s, 1e-9);
+    CHECK(p.twist().omega_rad_per_s < 0);
+}
+
+TEST(SimPlantEffects, a_robot_that_rolls_on_a_slope_keeps_its_energy) {
+    const double angle = 0.05;
+    Plant p = plant(dynamics(), effect("slope", {angle, 0.8}), geometry(0.071, 0.079));
+    p.place({0, 0, 1.9}, {0.3, 1.1});
+    const PlantParameters& q = p.parameters();
+    const double ahead = q.centrifugal_kg_m / q.mass_kg;
+    const auto energy = [&] {
+        const double along = (p.pose().x_m + ahead * std::cos(p.pose().heading_rad)) * std::cos(0.8) +
+                             (p.pose().y_m + ahead * std::sin(p.pose().heading_rad)) * std::sin(0.8);
+        return p.kinetic_energy_J() + q.mass_kg * 9.80665 * std::sin(angle) * along;
+    };
+    const double before = energy();
+    for (int i = 0; i < 10; ++i) {
+        go(p, 0.5, {});
+        DOUBLES_EQUAL(before, energy(), 1e-5);
+    }
+    CHECK(std::fabs(p.twist().v_m_per_s) > 0.3);
+}
+
+TEST(SimPlantEffects, torque_gain_mismatch_keeps_the_mean_and_the_ratio) {
+    const double relative = 0.08;
+    Plant p = plant(uncoupled(), effect("torque_gain_mismatch", {relative}));
+    p.advance(1e-4, {1.3, 1.3});
+    const WheelPair<double> motor = p.torques().motor_Nm;
+    DOUBLES_EQUAL(1 + relative, motor.right / motor.left, 1e-12);
+    DOUBLES_EQUAL(2.6, motor.sum(), 1e-12);
+    DOUBLES_EQUAL(6.1 * motor.difference() * 1e-4, p.twist().omega_rad_per_s, 1e-12);
+    CHECK(p.twist().omega_rad_per_s > 0);
+}
+
+TEST(SimPlantEffects, coordinates_lead_back_to_the_parameters) {
+    using Values = model::Parameters<double>;
+    for (const Values& p : {Values{0.03, 2.9}, Values{0.2, -1.1}}) {
+        const Values back = model::Slope::from_coordinates(model::Slope::coordinates(p));
+        DOUBLES_EQUAL(p[0], back[0], 1e-13);
+        DOUBLES_EQUAL(p[1], back[1], 1e-13);
+    }
+    for (const double relative : {-0.2, 0.03, 0.9}) {
+        const Values back = model::TorqueGainMismatch::from_coordinates(
+            model::TorqueGainMismatch::coordinates(Values{relative}));
+        DOUBLES_EQUAL(relative, back[0], 1e-14);
+    }
+}
+
+TEST(SimPlantEffects, estimators_take_what_they_have_room_for_in_catalogue_order) {
+    const auto at = [](const char* name) { return model::find_effect(name); };
+    std::array<bool, model::kEffectCount> active{};
+    active.fill(true);
+    const auto estimated = model::estimated_effects(active);
+    CHECK(estimated[at("viscous_friction")] && estimated[at("coulomb_friction")]);
+    CHECK_FALSE(estimated[at("quadratic_drag")] || estimated[at("torque_bias")]);
+    active[at("coulomb_friction")] = false;
+    const auto others = model::estimated_effects(active);
+    CHECK(others[at("viscous_friction")] && others[at("quadratic_drag")] && others[at("turning_scrub")]);
+    CHECK_FALSE(others[at("torque_bias")] || others[at("slope")] || others[at("torque_gain_mismatch")]);
+}
+
+// The controller's inverse against the simulated robot, which shares the effects' equations but not this use
+// of them: the acceleration that comes is the one that was asked for, and without compensation it is another
+// one.
+TEST(SimPlantEffects, each_effect_is_compensated_by_the_linearisation) {
+    struct Case {
+        const char* name;
+        model::Parameters<double> parameters;
+    };
+    const std::array<Case, 7> cases{{{"viscous_friction", {0.011, 0.013}},
+                                     {"coulomb_friction", {0.31, 0.27}},
+                                     {"quadratic_drag", {3.1}},
+                                     {"turning_scrub", {0.35}},
+                                     {"torque_bias", {0.06, -0.11}},
+                                     {"slope", {0.07, 0.9}},
+                                     {"torque_gain_mismatch", {0.12}}}};
+    LONGS_EQUAL(model::kEffectCount, cases.size());
+    for (const Case& c : cases) {
+        const control::PlantModel<double> informed{geometry(), dynamics(), effect(c.name, c.parameters)};
+        auto ignorant = informed;
+        ignorant.effects.active = {};
+        sim::Plant robot(sim::plant_from_dynamics(informed.geometry, informed.dynamics, informed.effects),
+                         {0.2, -0.1, 0.4});
+        const TwistRate<double> nu{1.1, -4.2};
+        const auto comes = [&](const control::PlantModel<double>& plant) {
+            robot.place(robot.pose(), {0.8, -1.3});
+            model::Motion<double> motion;
+            motion.twist = robot.twist();
+            motion.wheel_speed_rad_per_s = robot.wheel_speed_rad_per_s();
+            motion.heading_rad = robot.pose().heading_rad;
+            const auto torque = linearising_torque_Nm(plant, motion, motion.twist, nu);
+            const auto back = linearised_acceleration(plant, motion, motion.twist, torque);
+            DOUBLES_EQUAL(nu.v_m_per_s2, back.v_m_per_s2, 1e-12);
+            DOUBLES_EQUAL(nu.omega_rad_per_s2, back.omega_rad_per_s2, 1e-12);
+            constexpr double kStep_s = 1e-6;
+            robot.advance(kStep_s, torque);
+            return TwistRate<double>{(robot.twist().v_m_per_s - 0.8) / kStep_s,
+                                     (robot.twist().omega_rad_per_s + 1.3) / kStep_s};
+        };
+        const TwistRate<double> with = comes(informed);
+        DOUBLES_EQUAL(nu.v_m_per_s2, with.v_m_per_s2, 1e-4);
+        DOUBLES_EQUAL(nu.omega_rad_per_s2, with.omega_rad_per_s2, 1e-4);
+        const TwistRate<double> without = comes(ignorant);
+        CHECK(std::abs(without.v_m_per_s2 - nu.v_m_per_s2) > 0.02 ||
+              std::abs(without.omega_rad_per_s2 - nu.omega_rad_per_s2) > 0.2);
+    }
 }

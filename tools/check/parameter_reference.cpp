@@ -71,8 +71,12 @@ std::string parameter_reference() {
     }
     page +=
         "\n## Effects\n\n"
-        "A table `[effects.NAME]` says that the robot has this effect: the estimator carries it and the\n"
-        "controllers undo it. A parameter left out is 0, that is, not known yet. Beside each parameter may "
+        "A table `[effects.NAME]` says that the robot has this effect: the controllers undo it, and the "
+        "estimators\n"
+        "carry it where it is linear in its parameters and they have room for it (`wheelwright check` says "
+        "which\n"
+        "stay as they are written). A parameter left out is 0, that is, not known yet. Beside each parameter "
+        "may "
         "stand\n"
         "`<parameter>_standard_error`, and in each table `log` and `date`: where the numbers come from.\n"
         "`active = false` keeps the numbers but not the effect.\n\n";

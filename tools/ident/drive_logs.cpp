@@ -22,7 +22,11 @@ constexpr std::uint32_t kFewestRows = 200;  // as the estimator: below, it state
 ident::DynamicsEstimatorOptions<double> estimator_options(const IdentSetup& setup) {
     ident::DynamicsEstimatorOptions<double> options;
     options.filter.geometry = setup.robot.geometry;
-    options.filter.effects.active = setup.effects;
+    options.filter.effects = setup.robot.effects;
+    options.filter.dynamics = setup.robot.dynamics;
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        options.filter.effects.active[i] = options.filter.effects.active[i] || setup.effects[i];
+    }
     options.filter.sample_time_s = task::kCyclePeriod_s;
     options.filter.kernel_s = setup.robot.ident.kernel_s;
     options.filter.sample_age_s = task::Learning::sample_age_s(setup.robot);
@@ -139,10 +143,8 @@ void report_effects(const Fit& linear, const Fit& turning, const IdentSetup& set
     if (findings.k7().known) fits.push_back(&linear);
     if (findings.k8().known) fits.push_back(&turning);
     const Shared shared = combine(fits, kTorque, kFirstEffect);
-    model::EffectSet<double> set;
-    set.active = setup.effects;
     std::array<ident::ColumnPlace, model::kMaxColumns> places{};
-    const int columns = ident::column_places(set, places);
+    const int columns = ident::column_places(setup.effects, places);
     for (int c = 0; c < columns; ++c) {
         const ident::ColumnPlace place = places[static_cast<std::size_t>(c)];
         EffectFigure figure;

@@ -18,9 +18,9 @@
 namespace wheelwright::tools {
 
 struct IdentSetup {
-    model::RobotParameters robot;  // geometry, drives and ident settings
-    std::array<bool, model::kEffectCount> effects{};
-    double relative_standard_error = 0;  // at which K7 and K8 are good enough
+    model::RobotParameters robot;                     // geometry, drives and ident settings
+    std::array<bool, model::kEffectCount> effects{};  // to be found; all of model::estimated_effects()
+    double relative_standard_error = 0;               // at which K7 and K8 are good enough
 };
 
 struct Estimate {

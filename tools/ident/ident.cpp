@@ -42,10 +42,11 @@ bool same_geometry(const model::Geometry<double>& a, const model::Geometry<doubl
            a.wheel_radius_m.right == b.wheel_radius_m.right && a.track_m == b.track_m;
 }
 
-// "" or what is wrong. Without names: those active in the robot file, else the two frictions every robot has.
+// "" or what is wrong. Without names: those active in the robot file that the estimators carry (the others
+// are taken as the file says), else the two frictions every robot has.
 std::string choose_effects(const Options& options, IdentSetup& setup) {
     if (options.effects.empty()) {
-        setup.effects = setup.robot.effects.active;
+        setup.effects = model::estimated_effects(setup.robot.effects.active);
         bool any = false;
         for (const bool active : setup.effects) any = any || active;
         if (any) return "";
@@ -53,6 +54,7 @@ std::string choose_effects(const Options& options, IdentSetup& setup) {
         setup.effects[model::find_effect(model::CoulombFriction::info.name)] = true;
         return "";
     }
+    setup.robot.effects.active = {};
     for (const std::string& name : options.effects) {
         if (name == "none") continue;
         const std::size_t i = model::find_effect(name);
@@ -62,6 +64,15 @@ std::string choose_effects(const Options& options, IdentSetup& setup) {
             return message;
         }
         setup.effects[i] = true;
+    }
+    const std::array<bool, model::kEffectCount> estimated = model::estimated_effects(setup.effects);
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (setup.effects[i] == estimated[i]) continue;
+        return std::string(model::kEffects[i].name) +
+               (model::kLinearInParameters[i]
+                    ? " is too much: there is room for " + std::to_string(model::kMaxEstimatedColumns) +
+                          " parameters of effects"
+                    : " is not linear in its parameters: it cannot be looked for here");
     }
     return "";
 }

@@ -65,7 +65,7 @@ class Experiment {
     explicit Experiment(const IdentSetup& setup) : setup_(setup) {
         options_.geometry = setup.robot.geometry;
         options_.effects.active = setup.effects;
-        unknowns_.columns = ident::column_places(options_.effects, unknowns_.places);
+        unknowns_.columns = ident::column_places(options_.effects.active, unknowns_.places);
         for (int c = 0; c < unknowns_.columns; ++c) unknowns_.groups.push_back({c});
     }
 

@@ -125,7 +125,8 @@ class RunReader {
         const std::size_t first = out.size();
         const auto add = [&](const model::Motion<double>& motion, double weight) {
             std::size_t at = first;
-            model::for_each_column(options_.effects, motion,
+            const model::Dynamics<double> unknown;  // no linear effect asks for it
+            model::for_each_column(options_.effects, {motion, {}, options_.geometry, unknown},
                                    [&](std::size_t, unsigned, const WheelPair<double>& column, bool dry) {
                                        const double amount =
                                            dry ? -weight * mean_sign(model::sliding_speed(column, before),
@@ -166,8 +167,11 @@ SpeedRows make_speed_rows(std::span<const SpeedRun> runs, const SpeedRowOptions&
     SpeedRows rows;
     std::vector<std::size_t> place;
     std::size_t columns = 0;
-    model::for_each_column(options.effects, model::Motion<double>{},
-                           [&](std::size_t, unsigned, const WheelPair<double>&, bool) { ++columns; });
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (options.effects.active[i] && model::kLinearInParameters[i]) {
+            columns += model::kEffects[i].parameters.size();
+        }
+    }
     const std::size_t pairs = 2 + columns;
     const std::size_t m = options.block;
     const double scale = 1.0 / static_cast<double>(m * m);

@@ -17,9 +17,8 @@ struct ViscousFriction {
         "linear term of the Stribeck model, Armstrong-Helouvry, Dupont, Canudas de Wit (1994)", parameters};
 
     template <typename Real>
-    static constexpr WheelPair<Real> smooth_column(unsigned j, const Motion<Real>& motion) {
-        return j == 0 ? WheelPair<Real>{-motion.wheel_speed_rad_per_s.left, 0}
-                      : WheelPair<Real>{0, -motion.wheel_speed_rad_per_s.right};
+    static constexpr WheelPair<Real> each_wheel(const EffectContext<Real>& at) {
+        return {-at.motion.wheel_speed_rad_per_s.left, -at.motion.wheel_speed_rad_per_s.right};
     }
 };
 
