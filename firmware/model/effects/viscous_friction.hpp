@@ -9,8 +9,8 @@ namespace wheelwright::model {
 // Friction torque proportional to wheel speed: tau = -c * speed, on each wheel by itself.
 struct ViscousFriction {
     static constexpr std::array<EffectParameterInfo, 2> parameters{{
-        {"left_Nm_s_per_rad", "Nm s/rad", 0.0, 10.0, "drag torque on the left wheel per wheel speed"},
-        {"right_Nm_s_per_rad", "Nm s/rad", 0.0, 10.0, "drag torque on the right wheel per wheel speed"},
+        {"left_Nm_s_per_rad", "Nm s/rad", 0.0, 1000.0, "drag torque on the left wheel per wheel speed"},
+        {"right_Nm_s_per_rad", "Nm s/rad", 0.0, 1000.0, "drag torque on the right wheel per wheel speed"},
     }};
     static constexpr EffectInfo info{
         "viscous_friction", "friction in bearings, gearbox grease and tyres that grows with wheel speed",
