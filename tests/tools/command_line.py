@@ -54,8 +54,8 @@ class Help(unittest.TestCase):
         status, out, _ = run("--help")
         self.assertEqual(status, 0)
         self.assertIn("Exit status: 0 done; 1 usage or configuration; 2 unusable input", out)
-        commands = re.findall(r"^  (\w+)  +\S", out.split("Subcommands:")[1], re.M)
-        for name in ("check", "ctl", "monitor", "record"):
+        commands = re.findall(r"^  ([\w-]+)  +\S", out.split("Subcommands:")[1], re.M)
+        for name in ("check", "ctl", "gap-trials", "monitor", "record"):
             self.assertIn(name, commands)
         for name in commands:
             status, out, err = run(name, "--help")
@@ -64,7 +64,7 @@ class Help(unittest.TestCase):
 
     def test_every_control_command_explains_itself(self):
         _, out, _ = run("ctl", "--help")
-        for name in re.findall(r"^  (\w+)  +\S", out.split("Subcommands:")[1], re.M):
+        for name in re.findall(r"^  ([\w-]+)  +\S", out.split("Subcommands:")[1], re.M):
             self.assertEqual(run("ctl", name, "--help")[0], 0, name)
 
 
@@ -104,9 +104,9 @@ class Status(unittest.TestCase):
 
     def test_no_refusal_is_longer_than_a_line(self):
         _, out, _ = run("--help")
-        commands = [(name,) for name in re.findall(r"^  (\w+)  +\S", out.split("Subcommands:")[1], re.M)]
+        commands = [(name,) for name in re.findall(r"^  ([\w-]+)  +\S", out.split("Subcommands:")[1], re.M)]
         _, out, _ = run("ctl", "--help")
-        commands += [("ctl", name) for name in re.findall(r"^  (\w+)  +\S", out.split("Subcommands:")[1], re.M)]
+        commands += [("ctl", name) for name in re.findall(r"^  ([\w-]+)  +\S", out.split("Subcommands:")[1], re.M)]
         tried = 0
         for command in commands:
             _, out, _ = run(*command, "--help")

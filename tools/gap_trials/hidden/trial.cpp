@@ -15,7 +15,8 @@ namespace wheelwright::hidden {
 namespace {
 
 constexpr double kStep_s = 5e-4;  // of the plant
-constexpr int kMostRuns = 12;
+constexpr int kMostRuns = 8;
+constexpr std::uint64_t kMostDraws = 3;
 
 // The part of a run that the sizes are told from.
 struct Run {
@@ -285,11 +286,14 @@ std::string_view name_of(Kind kind) {
     return kNames[static_cast<std::size_t>(kind)];
 }
 
-Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMaker& make_plant) {
+namespace {
+
+Trial drawn(const TrialPlan& plan, std::string_view plant_name, const PlantMaker& make_plant,
+            std::uint64_t draw) {
     Trial trial;
     trial.plan = plan;
     trial.plant = plant_name;
-    Random random(plan.seed, plan.stream * 4);
+    Random random(plan.seed + (draw << 40U), plan.stream * 4);
     trial.robot = draw_robot(random);
     const std::size_t count = 2 + random.below(3);
     // No motion twice; the first ones of a log tell more than straight and spin, which come along in some.
@@ -327,8 +331,8 @@ Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMa
         bool fits = false;
         for (int tries = 0; !fits; ++tries) {
             if (tries == kMostRuns) {
-                throw std::runtime_error(plan.id + ": no parameter gives " + plan.effects.front() +
-                                         " the wanted size");
+                throw CannotDraw(plan.id + ": no parameter gives " + plan.effects.front() +
+                                 " the wanted size");
             }
             trial.hidden.effects.clear();
             for (const Sizing& sizing : sizings) trial.hidden.effects.push_back(sizing.effect());
@@ -353,6 +357,18 @@ Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMa
     return trial;
 }
 
+}  // namespace
+
+Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMaker& make_plant) {
+    for (std::uint64_t draw = 0;; ++draw) {
+        try {
+            return drawn(plan, plant_name, make_plant, draw);
+        } catch (const CannotDraw&) {
+            if (draw + 1 == kMostDraws) throw;
+        }
+    }
+}
+
 std::string csv_text(const Trial& trial) {
     std::string text = "t_s,tau_left_Nm,tau_right_Nm,omega_left_rad_s,omega_right_rad_s";
     text += trial.gyro ? ",gyro_z_rad_s\n" : "\n";
@@ -372,7 +388,7 @@ std::string csv_text(const Trial& trial) {
     return text;
 }
 
-std::string label_text(const Trial& trial) {
+std::string label_text(const Trial& trial, const OracleVerdict& oracle) {
     using Json = nlohmann::ordered_json;
     Json label;
     label["id"] = trial.plan.id;
@@ -384,13 +400,16 @@ std::string label_text(const Trial& trial) {
     for (std::size_t i = 0; i < trial.hidden.effects.size(); ++i) {
         const HiddenEffect& effect = trial.hidden.effects[i];
         Json parameters = Json::object();
+        Json linear = Json::array();
         for (const ParameterInfo& info : find_effect(effect.name)->parameters()) {
             parameters[std::string(info.name)] = effect[info.name];
+            if (info.linear) linear.push_back(info.name);
         }
         label["effects"].push_back({{"name", effect.name},
                                     {"size", name_of(trial.plan.sizes[i])},
                                     {"reached", trial.reached[i]},
-                                    {"parameters", std::move(parameters)}});
+                                    {"parameters", std::move(parameters)},
+                                    {"linear", std::move(linear)}});
     }
     label["noise"] = kNoises[trial.plan.noise].name;
     label["motions"] = Json::array();
@@ -411,6 +430,11 @@ std::string label_text(const Trial& trial) {
                       {"wheel_mass_kg", r.wheel_mass_kg},
                       {"wheel_inertia_kg_m2", r.wheel_inertia_kg_m2},
                       {"castor_ahead_m", r.castor_ahead_m}};
+    label["oracle"] = {{"identifiable", oracle.identifiable},
+                       {"nearest_rival", oracle.nearest_rival},
+                       {"unexplained_true", oracle.unexplained_true},
+                       {"unexplained_none", oracle.unexplained_none},
+                       {"unexplained_rival", oracle.unexplained_rival}};
     label["analyst"] = {{"wheel_radius_m", r.wheel_radius_m}, {"track_m", r.track_m}};
     return label.dump(2) + "\n";
 }

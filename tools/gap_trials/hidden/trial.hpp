@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -75,15 +76,32 @@ struct Trial {
 
 using PlantMaker = std::function<std::unique_ptr<Plant>(const Robot&, const HiddenSet&)>;
 
+// No parameter gives an effect its size: such a robot cannot be made.
+class CannotDraw : public std::runtime_error {
+  public:
+    using std::runtime_error::runtime_error;
+};
+
 // Draws everything that the plan leaves open and drives the robot, again and again with better fitting
-// parameters until every effect has a size within its range. The same plan gives the same trial. Throws
-// std::runtime_error when no parameter gives the size.
+// parameters until every effect has a size within its range. The same plan gives the same trial. Where a
+// robot or its motions do not let an effect have its size, others are drawn; throws CannotDraw after the
+// third.
 Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMaker& make_plant);
 
 // The log as text: t_s,tau_left_Nm,tau_right_Nm,omega_left_rad_s,omega_right_rad_s[,gyro_z_rad_s].
 std::string csv_text(const Trial& trial);
 
-// The sealed label as JSON: all that was drawn, and under "analyst" what the analyst is told.
-std::string label_text(const Trial& trial);
+// What an oracle (oracle.hpp) says of a trial.
+struct OracleVerdict {
+    bool identifiable = true;
+    std::string nearest_rival;    // "" with nothing hidden; "nothing" where the base model alone does as well
+    double unexplained_true = 0;  // in variances of the noise
+    double unexplained_none = 0;
+    double unexplained_rival = 0;  // of the nearest one
+};
+
+// The sealed label as JSON: all that was drawn, what the oracle says, and under "analyst" what the analyst is
+// told.
+std::string label_text(const Trial& trial, const OracleVerdict& oracle);
 
 }  // namespace wheelwright::hidden

@@ -1,0 +1,190 @@
+// The judge against answers made by hand.
+#include "tools/gap_trials/judge.hpp"
+
+#include <algorithm>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "tools/gap_trials/trials_report.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright::tools;
+
+namespace {
+
+// A label as the generator writes it, of one effect with two parameters.
+std::string label(const std::string& name, const std::string& size = "strong",
+                  const std::string& kind = "single", bool identifiable = true) {
+    return R"({"id": "log-1", "kind": ")" + kind + R"(", "plant": "ode", "effects": [{"name": ")" + name +
+           R"(", "size": ")" + size +
+           R"(", "parameters": {"left_Nm": 0.2, "right_Nm": 0.25}, "linear": ["left_Nm", "right_Nm"]}],
+            "noise": "low", "motions": ["prbs", "spin"], "rate_Hz": 500, "gyro": true,
+            "oracle": {"identifiable": )" +
+           (identifiable ? "true" : "false") + R"(, "nearest_rival": "dead_zone"}})";
+}
+
+const std::string kNothing =
+    R"({"id": "log-2", "kind": "nothing", "plant": "ode", "effects": [], "noise": "low", "motions": ["prbs"],
+        "rate_Hz": 100, "gyro": false})";
+
+std::string pair_label() {
+    return R"({"id": "log-3", "kind": "pair", "plant": "ode", "effects": [
+        {"name": "slope", "size": "strong", "parameters": {"angle_rad": 0.08, "uphill_rad": 3.1}, "linear": ["angle_rad"]},
+        {"name": "viscous_friction", "size": "medium", "parameters": {}}],
+        "noise": "low", "motions": [], "rate_Hz": 100, "gyro": false, "oracle": {"identifiable": true}})";
+}
+
+std::string named(const std::string& effects) {
+    return R"({"verdict": "named", "closable_share": 0.93, "effects": [)" + effects +
+           R"(], "gap": {"heldout": {"wheel_speed_rms_rad_s": {"before": 0.5, "after": 0.1, "floor": 0.05}}}})";
+}
+
+const std::string kCoulomb =
+    R"({"name": "coulomb_friction", "closes": 0.9, "rivals": [{"name": "dead_zone"}], "parameters": [
+    {"name": "left_Nm", "value": 0.202, "standard_error": 0.002, "interval_95": [0.198, 0.206], "unit": "Nm"},
+    {"name": "right_Nm", "value": 0.24, "standard_error": 0.002, "interval_95": [0.236, 0.244], "unit": "Nm"}]})";
+
+Outcome judged(const std::string& label_json, const std::string& gap_json) {
+    return judge(read_label(label_json), read_gap_json(gap_json));
+}
+
+const Measure& measure(const Summary& summary, const std::string& id) {
+    return *std::find_if(summary.measures.begin(), summary.measures.end(),
+                         [&](const Measure& m) { return m.id == id; });
+}
+
+}  // namespace
+
+TEST_GROUP(TrialsJudge){};
+
+TEST(TrialsJudge, TheRightNameIsExactAndItsParametersAreCompared) {
+    const Outcome o = judged(label("coulomb_friction"), named(kCoulomb));
+    CHECK(o.exact && o.contains && !o.extra && !o.confidently_wrong);
+    STRCMP_EQUAL("coulomb_friction", o.said.c_str());
+    LONGS_EQUAL(2, o.errors.size());
+    // against the RMS of both wheels
+    const double scale = 0.22638462845343543;
+    DOUBLES_EQUAL(0.002 / scale, o.errors[0].relative, 1e-12);
+    DOUBLES_EQUAL(0.01 / scale, o.errors[1].relative, 1e-12);
+    CHECK(o.errors[0].linear);
+    CHECK(*o.errors[0].covered);
+    CHECK_FALSE(*o.errors[1].covered);
+    DOUBLES_EQUAL(0.93, *o.finding.closable_share, 0);
+    DOUBLES_EQUAL(0.1, *o.finding.heldout_after_rad_per_s, 0);
+}
+
+TEST(TrialsJudge, WrongNamesAreConfidentUnlessTheRightOneIsListed) {
+    CHECK(judged(label("viscous_friction"), named(kCoulomb)).confidently_wrong);
+    const Outcome listed = judged(label("dead_zone"), named(kCoulomb));
+    CHECK(!listed.exact && !listed.confidently_wrong);
+    CHECK(judged(kNothing, named(kCoulomb)).confidently_wrong);
+    CHECK_FALSE(judged(label("dead_zone"), R"({"verdict": "cannot_tell", "effects": [{"name": "slope"}]})")
+                    .confidently_wrong);
+}
+
+TEST(TrialsJudge, MoreNamesBesideTheRightOne) {
+    const Outcome o = judged(label("coulomb_friction"), named(kCoulomb + R"(, {"name": "slope"})"));
+    CHECK(!o.exact && o.contains && o.extra && !o.confidently_wrong);
+    STRCMP_EQUAL("coulomb_friction+slope", o.said.c_str());
+}
+
+TEST(TrialsJudge, PairsAreExactOrContained) {
+    const std::string both = R"({"name": "viscous_friction"}, {"name": "slope", "parameters": [
+        {"name": "uphill_rad", "value": -3.15, "interval_95": [-3.25, -3.05]}]})";
+    const Outcome o = judged(pair_label(), named(both));
+    CHECK(o.exact);
+    // the same direction but for a turn
+    DOUBLES_EQUAL(6.283185307179586 - 6.25, o.errors.at(0).absolute, 1e-12);
+    CHECK(*o.errors[0].covered);
+    CHECK_FALSE(o.errors[0].linear);
+    const Outcome half = judged(pair_label(), named(R"({"name": "slope"})"));
+    CHECK(!half.exact && !half.contains && !half.extra && !half.confidently_wrong);
+    CHECK(judged(pair_label(), named(both + R"(, {"name": "dead_zone"})")).contains);
+}
+
+TEST(TrialsJudge, WhatIsNoAnswerIsToldAsSuch) {
+    for (const char* text : {"", "[]", "{", R"({"verdict": "maybe"})", R"({"verdict": 3})", "null"}) {
+        const Finding finding = read_gap_json(text);
+        STRCMP_EQUAL("no_answer", finding.verdict.c_str());
+        CHECK(!finding.problem.empty());
+    }
+    // odd but readable
+    LONGS_EQUAL(
+        1, read_gap_json(R"({"verdict": "named", "effects": [3, {"name": "slope", "parameters": [1, {}]}]})")
+               .effects.size());
+    for (const char* text : {"", "[]", R"({"id": "x"})"}) CHECK_THROWS(std::runtime_error, read_label(text));
+    CHECK_THROWS(std::runtime_error, outcome_from_json("{}"));
+}
+
+TEST(TrialsJudge, OutcomesSurviveTheirFile) {
+    for (const Outcome& o :
+         {judged(label("coulomb_friction", "mild", "single", false), named(kCoulomb)),
+          judged(kNothing, R"({"verdict": "nothing_missing"})"), judged(pair_label(), "")}) {
+        const Outcome again = outcome_from_json(outcome_json(o));
+        STRCMP_EQUAL(outcome_json(o).c_str(), outcome_json(again).c_str());
+        CHECK_EQUAL(o.truth.identifiable, again.truth.identifiable);
+        CHECK_EQUAL(o.exact, again.exact);
+        LONGS_EQUAL(o.errors.size(), again.errors.size());
+        STRCMP_EQUAL(o.said.c_str(), again.said.c_str());
+        STRCMP_EQUAL(o.truth.motions.c_str(), again.truth.motions.c_str());
+    }
+}
+
+TEST(TrialsJudge, ClopperPearsonIsTheTextbooks) {
+    // R: binom.test(c(0, 300)), (8, 10), (10, 10), (270, 300)
+    DOUBLES_EQUAL(0, clopper_pearson(0, 300).first, 1e-9);
+    DOUBLES_EQUAL(0.01222095, clopper_pearson(0, 300).second, 1e-7);
+    DOUBLES_EQUAL(0.4439045, clopper_pearson(8, 10).first, 1e-6);
+    DOUBLES_EQUAL(0.9747893, clopper_pearson(8, 10).second, 1e-6);
+    DOUBLES_EQUAL(0.6915029, clopper_pearson(10, 10).first, 1e-6);
+    DOUBLES_EQUAL(1, clopper_pearson(10, 10).second, 1e-9);
+    DOUBLES_EQUAL(0, clopper_pearson(0, 0).first, 0);
+}
+
+TEST(TrialsJudge, MeasuresCountWhatTheyClaim) {
+    std::vector<Outcome> all;
+    for (int i = 0; i < 9; ++i) all.push_back(judged(label("coulomb_friction"), named(kCoulomb)));
+    all.push_back(judged(label("coulomb_friction"), R"({"verdict": "unexplained"})"));
+    all.push_back(judged(label("coulomb_friction", "mild"), named(R"({"name": "slope"})")));
+    all.push_back(judged(label("coulomb_friction", "mild", "single", false), named(R"({"name": "slope"})")));
+    all.push_back(judged(label("dead_zone", "medium", "blind", false), R"({"verdict": "cannot_tell"})"));
+    all.push_back(judged(pair_label(), named(R"({"name": "slope"})")));
+    all.push_back(judged(kNothing, R"({"verdict": "nothing_missing"})"));
+    all.push_back(judged(kNothing, R"({"verdict": "unexplained"})"));
+    const Summary s = summarise(all);
+    LONGS_EQUAL(9, measure(s, "A1").hits);
+    LONGS_EQUAL(10, measure(s, "A1").n);
+    DOUBLES_EQUAL(90, *measure(s, "A1").value, 1e-9);
+    CHECK(*measure(s, "A1").accepted());
+    CHECK_FALSE(*measure(s, "A1").aimed());
+    LONGS_EQUAL(0, measure(s, "A2").hits);
+    LONGS_EQUAL(1, measure(s, "A2").n);
+    LONGS_EQUAL(0, measure(s, "A4 contained").hits);
+    LONGS_EQUAL(1, measure(s, "A5").hits);
+    LONGS_EQUAL(2, measure(s, "A5").n);
+    LONGS_EQUAL(2, measure(s, "A8").n);
+    LONGS_EQUAL(1, measure(s, "A8").hits);
+    LONGS_EQUAL(0, measure(s, "A6").hits);
+    LONGS_EQUAL(10, measure(s, "A6").n);  // nine, and the pair of which one was found
+    DOUBLES_EQUAL(50, *measure(s, "B2").value, 1e-9);
+    CHECK_FALSE(measure(s, "B3 delay").value.has_value());
+    LONGS_EQUAL(1, s.excluded.at(0).count);
+    LONGS_EQUAL(12, s.excluded[0].n);
+    STRCMP_EQUAL("dead_zone", s.excluded[0].rivals.c_str());
+    CHECK_FALSE(all_accepted(s));
+    const std::string text = trials_report(s, {"sample", 1, all.size()}).text();
+    CHECK(text.find("A1") != std::string::npos);
+    CHECK(text.find("not measured") != std::string::npos);
+    CHECK(text.find("coulomb_friction") != std::string::npos);
+}
+
+TEST(TrialsJudge, TooWideIntervalsAreNoCoverageEither) {
+    std::vector<Outcome> all;
+    const std::string wide =
+        R"({"name": "coulomb_friction", "parameters": [{"name": "left_Nm", "value": 0.2, "interval_95": [-1, 1]}]})";
+    for (int i = 0; i < 100; ++i) all.push_back(judged(label("coulomb_friction"), named(wide)));
+    CHECK_FALSE(*measure(summarise(all), "B2").accepted());
+    CHECK_FALSE(measure(summarise({}), "A1").value.has_value());
+}

@@ -1,0 +1,242 @@
+#include "tools/gap_trials/campaign.hpp"
+
+#include <fcntl.h>
+#include <spawn.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <cerrno>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <cstring>
+#include <exception>
+#include <fstream>
+#include <iterator>
+#include <mutex>
+#include <optional>
+#include <stdexcept>
+#include <thread>
+
+#include "firmware/task/write_file.hpp"
+#include "tools/gap_trials/hidden/ode_plant.hpp"
+#include "tools/gap_trials/hidden/oracle.hpp"
+
+extern char** environ;
+
+namespace wheelwright::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+double seconds_since(Clock::time_point begin) {
+    return std::chrono::duration<double>(Clock::now() - begin).count();
+}
+
+std::string number(double value) {
+    std::array<char, 40> text{};
+    std::snprintf(text.data(), text.size(), "%.9g", value);
+    return text.data();
+}
+
+std::optional<std::string> contents(const fs::path& path) {
+    std::ifstream file(path, std::ios::binary);
+    if (!file) return std::nullopt;
+    return std::string(std::istreambuf_iterator<char>(file), {});
+}
+
+void write(const fs::path& path, std::string_view text) {
+    const std::string failed = task::write_whole_file(path.string(), text);
+    if (!failed.empty()) throw std::runtime_error(failed);
+}
+
+// A log is large and may be lost: no need to wait for the disk.
+void write_log(const fs::path& path, const std::string& text) {
+    std::ofstream file(path, std::ios::binary);
+    file << text;
+    file.close();
+    if (!file) throw std::runtime_error("cannot write " + path.string());
+}
+
+struct Ended {
+    int status = 0;  // as of waitpid
+    bool too_long = false;
+    double seconds = 0;
+    double memory_bytes = 0;
+    std::string problem;  // it did not even start
+};
+
+// Runs a program with its output in a file.
+Ended run_program(const std::vector<std::string>& words, const fs::path& output, double time_limit_s) {
+    Ended ended;
+    posix_spawn_file_actions_t files;
+    ::posix_spawn_file_actions_init(&files);
+    ::posix_spawn_file_actions_addopen(&files, 0, "/dev/null", O_RDONLY, 0);
+    ::posix_spawn_file_actions_addopen(&files, 1, output.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
+    ::posix_spawn_file_actions_adddup2(&files, 1, 2);
+    std::vector<std::string> copies = words;
+    std::vector<char*> arguments;
+    for (std::string& word : copies) arguments.push_back(word.data());
+    arguments.push_back(nullptr);
+    // A group of its own: Ctrl-C shall end the campaign after the trial, not this analysis.
+    posix_spawnattr_t attributes;
+    ::posix_spawnattr_init(&attributes);
+    ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
+    pid_t child = 0;
+    const auto begin = Clock::now();
+    const int failed =
+        ::posix_spawn(&child, words.front().c_str(), &files, &attributes, arguments.data(), environ);
+    ::posix_spawnattr_destroy(&attributes);
+    ::posix_spawn_file_actions_destroy(&files);
+    if (failed != 0) {
+        ended.problem = "cannot run " + words.front() + ": " + std::strerror(failed);
+        return ended;
+    }
+    rusage used{};
+    for (;;) {
+        const pid_t done = ::wait4(child, &ended.status, WNOHANG, &used);
+        if (done == child) break;
+        if (done < 0 && errno != EINTR) break;
+        if (!ended.too_long && seconds_since(begin) > time_limit_s) {
+            ended.too_long = true;
+            ::kill(child, SIGKILL);
+        }
+        std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    }
+    ended.seconds = static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+                    1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+    ended.memory_bytes = 1024.0 * static_cast<double>(used.ru_maxrss);
+    return ended;
+}
+
+Finding analyse(const hidden::Trial& trial, const fs::path& log, const CampaignOptions& options) {
+    const fs::path out = options.out / "analyses" / trial.plan.id;
+    fs::remove_all(out);  // what an interrupted run left
+    fs::create_directories(out);
+    const Ended ended = run_program(
+        {options.analyser, "gap", log.string(), "--wheel-radius", number(trial.robot.wheel_radius_m),
+         "--track", number(trial.robot.track_m), "--out", out.string()},
+        out / "output.txt", options.time_limit_s);
+    Finding finding;
+    finding.verdict = "no_answer";
+    if (!ended.problem.empty()) {
+        finding.problem = ended.problem;
+    } else if (ended.too_long) {
+        finding.problem = "took longer than " + number(options.time_limit_s) + " s";
+    } else if (const auto json = contents(out / "gap.json")) {
+        finding = read_gap_json(*json);
+    } else if (WIFSIGNALED(ended.status)) {
+        finding.problem = "ended by signal " + std::to_string(WTERMSIG(ended.status));
+    } else {
+        finding.problem = "no gap.json; exit status " + std::to_string(WEXITSTATUS(ended.status));
+    }
+    finding.seconds = ended.seconds;
+    finding.memory_bytes = ended.memory_bytes;
+    return finding;
+}
+
+fs::path result_of(const fs::path& out, const hidden::ListedTrial& trial) {
+    return out / "results" / (trial.plan.id + ".json");
+}
+
+std::optional<Outcome> stored(const fs::path& out, const hidden::ListedTrial& trial) {
+    const auto json = contents(result_of(out, trial));
+    if (!json) return std::nullopt;
+    try {
+        return outcome_from_json(*json);
+    } catch (const std::exception&) {
+        return std::nullopt;  // cut short: run again
+    }
+}
+
+}  // namespace
+
+bool can_analyse(const std::string& analyser) {
+    const Ended ended = run_program({analyser, "gap", "--help"}, "/dev/null", 60);
+    return ended.problem.empty() && !ended.too_long && WIFEXITED(ended.status) &&
+           WEXITSTATUS(ended.status) == 0;
+}
+
+Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& options) {
+    for (const char* folder : {"logs", "labels", "results", "analyses"})
+        fs::create_directories(options.out / folder);
+    const hidden::Trial trial = hidden::generate(listed.plan, listed.plant, hidden::make_ode_plant);
+    const hidden::OracleVerdict oracle = hidden::ask_oracle(trial);
+    const std::string label = hidden::label_text(trial, oracle);
+    const fs::path log = options.out / "logs" / (listed.plan.id + ".csv");
+    const fs::path sealed = options.out / "labels" / (listed.plan.id + ".json");
+    // of an earlier run: not to be read by the analysis, nor taken for this one's
+    fs::remove(sealed);
+    fs::remove(result_of(options.out, listed));
+    write_log(log, hidden::csv_text(trial));
+    const Finding finding = analyse(trial, log, options);
+    write(sealed, label);
+    if (!options.keep_logs) fs::remove(log);
+    const Outcome outcome = judge(read_label(label), finding);
+    write(result_of(options.out, listed), outcome_json(outcome));
+    return outcome;
+}
+
+std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
+                                const CampaignOptions& options,
+                                const std::function<void(const Progress&)>& progress,
+                                const std::function<bool()>& stop) {
+    std::vector<std::optional<Outcome>> outcomes(trials.size());
+    std::atomic<std::size_t> next{0};
+    std::atomic<bool> failed{false};
+    std::mutex mutex;
+    std::exception_ptr error;
+    Progress state;
+    state.all = trials.size();
+    const auto begin = Clock::now();
+    const auto work = [&] {
+        for (std::size_t i = next++; i < trials.size() && !failed && !stop(); i = next++) {
+            try {
+                std::optional<Outcome> outcome;
+                if (options.resume) outcome = stored(options.out, trials[i]);
+                if (!outcome) outcome = run_trial(trials[i], options);
+                const std::scoped_lock lock(mutex);
+                ++state.done;
+                state.elapsed_s = seconds_since(begin);
+                state.last = trials[i].plan.id + " " + outcome->said;
+                if (!outcome->finding.problem.empty()) state.last += " (" + outcome->finding.problem + ")";
+                outcomes[i] = std::move(outcome);
+                progress(state);
+            } catch (const hidden::CannotDraw& cannot) {
+                const std::scoped_lock lock(mutex);
+                ++state.done;
+                state.elapsed_s = seconds_since(begin);
+                state.last = cannot.what();
+                progress(state);
+            } catch (...) {
+                const std::scoped_lock lock(mutex);
+                if (!error) error = std::current_exception();
+                failed = true;
+            }
+        }
+    };
+    std::vector<std::thread> threads;
+    for (std::size_t i = 1; i < std::min(options.jobs, trials.size()); ++i) threads.emplace_back(work);
+    work();
+    for (std::thread& thread : threads) thread.join();
+    if (error) std::rethrow_exception(error);
+    std::vector<Outcome> done;
+    for (auto& outcome : outcomes) {
+        if (outcome) done.push_back(std::move(*outcome));
+    }
+    return done;
+}
+
+std::vector<Outcome> stored_outcomes(const std::vector<hidden::ListedTrial>& trials, const fs::path& out) {
+    std::vector<Outcome> outcomes;
+    for (const hidden::ListedTrial& trial : trials) {
+        if (auto outcome = stored(out, trial)) outcomes.push_back(std::move(*outcome));
+    }
+    return outcomes;
+}
+
+}  // namespace wheelwright::tools

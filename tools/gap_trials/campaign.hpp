@@ -1,0 +1,56 @@
+// Runs blind trials: draws a robot, writes its log, lets a separate process analyse it, judges the answer.
+//
+//   DIR/logs/ID.csv            what the analyst sees; removed after a trial unless kept
+//   DIR/analyses/ID/           what the analyst wrote: gap.json, output.txt and more
+//   DIR/labels/ID.json         the sealed label; written after the analysis, so that nobody can have read it
+//   DIR/results/ID.json        the outcome; a trial that has one is not run again when resuming
+#pragma once
+
+#include <cstddef>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "tools/gap_trials/hidden/plan.hpp"
+#include "tools/gap_trials/judge.hpp"
+
+namespace wheelwright::tools {
+
+struct CampaignOptions {
+    std::filesystem::path out;
+    std::string analyser;  // program; called as `analyser gap LOG --wheel-radius R --track B --out D`
+    std::size_t jobs = 1;
+    double time_limit_s = 600;  // of one analysis
+    bool resume = false;
+    bool keep_logs = false;
+};
+
+struct Progress {
+    std::size_t done = 0;
+    std::size_t all = 0;
+    double elapsed_s = 0;
+    std::string last;  // one line about the last trial
+};
+
+// Whether `analyser gap --help` ends well.
+bool can_analyse(const std::string& analyser);
+
+// One trial from drawing to outcome. Throws std::runtime_error when the trial cannot be made or a file cannot
+// be written; whatever the analyser does is an outcome.
+Outcome run_trial(const hidden::ListedTrial& trial, const CampaignOptions& options);
+
+// A trial that cannot be drawn (hidden::CannotDraw) is told to `progress` and left out.
+// All trials, on options.jobs threads; `progress` is called from one thread at a time. Outcomes in the list's
+// order. Throws the first error when all threads have ended. `stop` is asked between trials: true ends early,
+// with the outcomes so far.
+std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
+                                const CampaignOptions& options,
+                                const std::function<void(const Progress&)>& progress,
+                                const std::function<bool()>& stop);
+
+// The outcomes in DIR/results of those trials of the list that have one.
+std::vector<Outcome> stored_outcomes(const std::vector<hidden::ListedTrial>& trials,
+                                     const std::filesystem::path& out);
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,205 @@
+// `wheelwright gap-trials`: the gap analysis judged blind, on robots whose hidden effects it cannot know.
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <thread>
+#include <vector>
+
+#include "tools/cli/can_port.hpp"
+#include "tools/cli/command.hpp"
+#include "tools/cli/number_checks.hpp"
+#include "tools/gap_trials/campaign.hpp"
+#include "tools/gap_trials/trials_report.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct Options {
+    std::string out;
+    std::string plant = "ode";
+    std::size_t sample = 30;
+    bool campaign = false;
+    std::uint64_t seed = 1;
+    std::size_t jobs = 1;
+    bool resume = false;
+    bool merge = false;
+    bool list = false;
+    bool keep_logs = false;
+    long task = -1;
+    std::string analyser;
+    double time_limit_s = 600;
+    double duration_s = 0;
+    std::string json;
+};
+
+// A line that is drawn again on a terminal, and now and then one elsewhere.
+class ProgressLine {
+  public:
+    ProgressLine() : terminal_(::isatty(STDOUT_FILENO) != 0) {}
+    ~ProgressLine() {
+        if (terminal_ && drawn_) std::printf("\r\033[K");
+        std::fflush(stdout);
+    }
+    ProgressLine(const ProgressLine&) = delete;
+    ProgressLine& operator=(const ProgressLine&) = delete;
+
+    void operator()(const Progress& now) {
+        const double left_s =
+            now.elapsed_s / static_cast<double>(now.done) * static_cast<double>(now.all - now.done);
+        const std::size_t tenth = std::max<std::size_t>(1, now.all / 10);
+        if (terminal_) {
+            std::printf("\r\033[K  %zu of %zu, %.0f s to go  %s", now.done, now.all, left_s,
+                        now.last.c_str());
+        } else if (now.done % tenth == 0 || now.done == now.all) {
+            std::printf("  %zu of %zu, %.0f s to go\n", now.done, now.all, left_s);
+        }
+        drawn_ = true;
+        std::fflush(stdout);
+    }
+
+  private:
+    bool terminal_;
+    bool drawn_ = false;
+};
+
+int show(const Options& options, const std::vector<Outcome>& outcomes, const TrialsRun& run) {
+    const Summary summary = summarise(outcomes);
+    const bool published = trials_report(summary, run).publish(options.json);
+    const std::string page = (fs::path(options.out) / "report.html").string();
+    write_trials_page(summary, run, page);
+    std::printf("\npage: %s\n", page.c_str());
+    if (!published) return kMachineLacks;
+    return all_accepted(summary) && outcomes.size() == run.listed ? kDone : kAimMissed;
+}
+
+int run_command(const Options& options) {
+    std::vector<hidden::ListedTrial> trials = hidden::all_trials(options.seed, {options.plant});
+    TrialsRun run{"campaign", options.seed, 0};
+    if (!options.campaign) {
+        trials = hidden::sample_of(std::move(trials), options.sample, options.seed);
+        run.what = "sample of " + std::to_string(trials.size());
+    }
+    for (hidden::ListedTrial& trial : trials) trial.plan.duration_s = options.duration_s;
+    run.listed = trials.size();
+    if (options.list) {
+        std::printf("%zu\n", trials.size());
+        return kDone;
+    }
+    if (options.out.empty()) {
+        std::fputs("wheelwright gap-trials: --out is required: the folder for logs, labels and results\n",
+                   stderr);
+        return kUsage;
+    }
+    if (options.task >= static_cast<long>(trials.size())) {
+        std::fprintf(stderr, "wheelwright gap-trials: --task %ld: the list has the tasks 0 to %zu\n",
+                     options.task, trials.size() - 1);
+        return kUsage;
+    }
+    CampaignOptions settings;
+    settings.out = fs::absolute(options.out);
+    settings.analyser =
+        options.analyser.empty() ? fs::read_symlink("/proc/self/exe").string() : options.analyser;
+    settings.jobs = options.jobs;
+    settings.time_limit_s = options.time_limit_s;
+    settings.resume = options.resume;
+    settings.keep_logs = options.keep_logs;
+    try {
+        if (options.merge) {
+            const std::vector<Outcome> outcomes = stored_outcomes(trials, settings.out);
+            if (outcomes.empty()) {
+                std::fprintf(stderr, "wheelwright gap-trials: %s holds no result of this list\n",
+                             (settings.out / "results").c_str());
+                return kBadInput;
+            }
+            return show(options, outcomes, run);
+        }
+        if (!can_analyse(settings.analyser)) {
+            std::fprintf(stderr, "wheelwright gap-trials: `%s gap --help` fails, so it cannot analyse\n",
+                         settings.analyser.c_str());
+            return kMachineLacks;
+        }
+        if (options.task >= 0) {
+            const Outcome outcome = run_trial(trials[static_cast<std::size_t>(options.task)], settings);
+            std::printf("%s %s\n", outcome.truth.id.c_str(), outcome.said.c_str());
+            return outcome.finding.verdict == "no_answer" ? kAimMissed : kDone;
+        }
+        catch_interrupt();
+        std::vector<Outcome> outcomes;
+        {
+            ProgressLine progress;
+            outcomes = run_trials(
+                trials, settings, [&](const Progress& now) { progress(now); }, [] { return interrupted(); });
+        }
+        if (interrupted()) {
+            std::printf("stopped after %zu of %zu; --resume goes on\n", outcomes.size(), trials.size());
+            return kAimMissed;
+        }
+        return show(options, outcomes, run);
+    } catch (const fs::filesystem_error& error) {
+        std::fprintf(stderr, "wheelwright gap-trials: %s: %s\n", error.path1().c_str(),
+                     error.code().message().c_str());
+        return kMachineLacks;
+    } catch (const std::runtime_error& error) {
+        std::fprintf(stderr, "wheelwright gap-trials: %s\n", error.what());
+        return kMachineLacks;
+    }
+}
+
+}  // namespace
+
+void add_gap_trials(CLI::App& program, Run& run) {
+    const auto options = std::make_shared<Options>();
+    CLI::App* command =
+        program.add_subcommand("gap-trials", "Judge the gap analysis blind, on hidden effects");
+    command->footer(
+        "Draws robots with hidden effects, writes their logs, has each analysed by a process of its own that "
+        "sees\n"
+        "only the log (`wheelwright gap`), and compares the answers with what was hidden. The same seed "
+        "draws the\n"
+        "same trials. On several machines: --task I for each I below what --list prints, then --merge.\n"
+        "Exit status 3: a measure is below its accept level, or an analysis gave no answer.");
+    command->add_option("--out", options->out, "Folder for logs, labels, results and report.html");
+    command->add_option("--plant", options->plant, "Which robots: ode, on the Open Dynamics Engine")
+        ->check(CLI::IsMember({"ode"}))
+        ->capture_default_str();
+    CLI::Option* sample = command->add_option("--sample", options->sample, "So many trials, drawn from all")
+                              ->check(from_to("1", "100000"))
+                              ->capture_default_str();
+    command->add_flag("--campaign", options->campaign, "All trials")->excludes(sample);
+    command->add_option("--seed", options->seed, "Draws trials, robots, motions and noise")
+        ->capture_default_str();
+    command->add_option("--jobs", options->jobs, "Trials at a time; 0: as many as processors")
+        ->check(from_to("0", "1000"))
+        ->capture_default_str();
+    command->add_flag("--resume", options->resume, "Keep the results that --out holds already");
+    command->add_option("--task", options->task, "Only the trial of this number, from 0, and no report")
+        ->check(from_to("0", "1000000"));
+    command->add_flag("--merge", options->merge, "Run nothing: report on the results that --out holds");
+    command->add_flag("--list", options->list, "Run nothing: print the number of trials");
+    command->add_option("--analyser", options->analyser,
+                        "Program to call instead of this one, with the same words");
+    command->add_option("--time-limit", options->time_limit_s, "Longest analysis, seconds")
+        ->check(greater_than_zero())
+        ->capture_default_str();
+    command
+        ->add_option("--duration", options->duration_s,
+                     "Length of the logs, seconds; without: 30, 45 or 60, drawn")
+        ->check(from_to("2", "3600"));
+    command->add_flag("--keep-logs", options->keep_logs, "Keep the logs after their analysis");
+    command->add_option("--json", options->json, "Write the figures to this file");
+    command->callback([options, &run] {
+        if (options->jobs == 0) options->jobs = std::max(1U, std::thread::hardware_concurrency());
+        run = [options] { return run_command(*options); };
+    });
+}
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,145 @@
+// The judge of the blind trials: what an analysis said of one log against the label, and the measures of all.
+// Knows the form of gap.json and of the labels, nothing of how either came about.
+#pragma once
+
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace wheelwright::tools {
+
+// What was hidden, read from a label, and what the oracle says.
+struct Truth {
+    std::string id;
+    std::string plant;
+    std::string kind;   // single, pair, nothing, fault, blind
+    std::string noise;  // low, middle, high
+    std::string motions;
+    double rate_Hz = 0;
+    bool gyro = false;
+    struct Effect {
+        std::string name;
+        std::string size;  // mild, medium, strong
+        std::map<std::string, double> parameters;
+        std::map<std::string, bool> linear;
+    };
+    std::vector<Effect> effects;
+    // Whether noise-free data tell the effects from every rival; with nothing hidden, true.
+    bool identifiable = true;
+    std::string confused_with;  // the nearest rival
+};
+
+// What an analysis said.
+struct Finding {
+    std::string verdict;  // as gap.json has it; "no_answer" when there is no readable gap.json
+    struct Parameter {
+        std::string name;
+        double value = 0;
+        std::optional<std::pair<double, double>> interval;
+    };
+    struct Effect {
+        std::string name;
+        std::vector<Parameter> parameters;
+        std::vector<std::string> rivals;
+    };
+    std::vector<Effect> effects;
+    std::optional<double> closable_share;
+    // Free run over the unseen part, base model and extended one.
+    std::optional<double> heldout_before_rad_per_s;
+    std::optional<double> heldout_after_rad_per_s;
+    double seconds = 0;
+    double memory_bytes = 0;
+    std::string problem;  // why there is no answer
+};
+
+// Of one parameter that was hidden and told.
+struct ParameterError {
+    std::string parameter;  // "effect.parameter"
+    bool linear = false;
+    double relative = 0;          // error over the true value
+    double absolute = 0;          // in the parameter's unit
+    std::optional<bool> covered;  // by the 95 % interval
+};
+
+// How one trial went.
+struct Outcome {
+    Truth truth;
+    Finding finding;
+    bool exact = false;              // the named set is the hidden one
+    bool contains = false;           // all hidden effects are named
+    bool extra = false;              // names beside a right one
+    bool confidently_wrong = false;  // named, and a hidden effect is neither named nor listed as a rival
+    std::vector<ParameterError> errors;
+    std::string said;  // for the confusion matrix: names joined by "+", or the verdict
+};
+
+// Throws std::runtime_error with one sentence when the text is no label.
+Truth read_label(std::string_view json);
+
+// A text that is not what it should be gives the verdict "no_answer".
+Finding read_gap_json(std::string_view json);
+
+Outcome judge(const Truth& truth, const Finding& finding);
+
+// A trial's outcome as JSON and back, for resuming and merging. outcome_from_json throws std::runtime_error.
+std::string outcome_json(const Outcome& outcome);
+Outcome outcome_from_json(std::string_view json);
+
+// 95 % interval of a probability after `hits` in `n` (Clopper and Pearson 1934); n 0 gives [0, 1].
+std::pair<double, double> clopper_pearson(std::size_t hits, std::size_t n);
+
+struct Measure {
+    std::string id;  // "A1"
+    std::string meaning;
+    std::optional<double> value;  // nothing: no trial tells
+    std::string unit;
+    std::size_t hits = 0;  // of n, where it is a share
+    std::size_t n = 0;
+    std::optional<std::pair<double, double>> interval;
+    double accept = 0;
+    double aim = 0;
+    bool smaller_is_better = false;
+    std::optional<double> judged;  // what is compared, where that is not the value: a bound
+    std::string remark;
+
+    // Nothing without a value.
+    std::optional<bool> accepted() const;
+    std::optional<bool> aimed() const;
+};
+
+struct TrialCell {
+    std::string effect, size, noise;
+    std::size_t hits = 0;
+    std::size_t n = 0;
+    std::size_t excluded = 0;
+};
+
+struct Confusion {
+    std::string hidden, said;
+    std::size_t count = 0;
+};
+
+struct Excluded {
+    std::string effect;
+    std::size_t count = 0;
+    std::size_t n = 0;
+    std::string rivals;  // with what they are confused
+};
+
+struct Summary {
+    std::vector<Measure> measures;
+    std::vector<TrialCell> cells;       // of single effects
+    std::vector<Confusion> confusions;  // of all trials
+    std::vector<Excluded> excluded;     // single effects that the oracle calls not identifiable
+    std::map<std::string, std::size_t> kinds;
+    double seconds = 0;       // mean of an analysis
+    double memory_bytes = 0;  // most of one
+    std::size_t unanswered = 0;
+};
+
+Summary summarise(const std::vector<Outcome>& outcomes);
+
+}  // namespace wheelwright::tools
