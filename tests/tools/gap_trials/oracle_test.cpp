@@ -1,6 +1,7 @@
 // The oracle: its formulas explain the engine's robots, and what cannot be told is not called identifiable.
 #include "tools/gap_trials/hidden/oracle.hpp"
 
+#include <cstdio>
 #include <set>
 #include <string>
 #include <vector>
@@ -46,7 +47,9 @@ TEST(HiddenOracle, TheTrueEffectExplainsTheEnginesLog) {
 }
 
 TEST(HiddenOracle, OnTheSpotDryFrictionOfWheelsAndOfTheGroundAreOne) {
-    const OracleVerdict v = asked("turning_scrub", {Motion::spin});
+    const OracleVerdict v = asked("turning_scrub", {Motion::spin}, 2);
+    std::printf("  scrub %g, nothing %g, %s %g\n", v.unexplained_true, v.unexplained_none,
+                v.nearest_rival.c_str(), v.unexplained_rival);
     CHECK_FALSE(v.identifiable);
     STRCMP_EQUAL("coulomb_friction", v.nearest_rival.c_str());
 }

@@ -1,6 +1,8 @@
 // Trials as a whole: sizes as drawn, the same bytes every time, nothing about the label in the log.
 #include "tools/gap_trials/hidden/trial.hpp"
 
+#include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
@@ -51,6 +53,14 @@ TEST(HiddenTrial, EveryEffectReachesItsSize) {
         }
         if (info.needs_gyro) CHECK(trial.gyro);
         LONGS_EQUAL(0, trial.complaints);
+        if (info.name == "wheel_slip" || info.name == "wheel_radius_mismatch") continue;
+        double off_m_per_s = 0;
+        for (const Sample& s : trial.samples) {
+            const Pair& w = s.truth.wheel_speed_rad_per_s;
+            off_m_per_s = std::max(off_m_per_s, std::abs(s.truth.speed_m_per_s - trial.robot.wheel_radius_m *
+                                                                                     (w.left + w.right) / 2));
+        }
+        CHECK_TEXT(off_m_per_s < 0.005, info.name.data());  // all wheels on the ground
     }
 }
 

@@ -39,6 +39,8 @@ struct EffectInfo {
     std::array<std::array<double, 2>, 3> sizes;
     bool needs_gyro = false;
     bool fault_of_log = false;  // a damaged log, not an effect: no name may be given for it
+    bool gyro_tells = false;    // from its nearest rival; such robots have a gyro
+    bool quick = false;         // shows in quick motions only: such logs hold prbs and chirp, and last 60 s
 
     std::span<const ParameterInfo> parameters() const {
         std::size_t count = 0;

@@ -103,13 +103,13 @@ double TorquePath::one_wheel(double u, double t_s, double step_s, double speed, 
 }
 
 double TorquePath::through_gap(double u, double step_s, double speed, double angle, bool right) {
-    // Stiff against the robot, slow against the steps within: 2 pi / sqrt(k / J) is some 10 ms.
-    constexpr double kStiffness_Nm_per_rad = 4000;
+    // As stiff as lets a blow of the motor, some rad/s, not lift the robot's wheels: some 2 Nm.
+    constexpr double kStiffness_Nm_per_rad = 100;
     constexpr int kSteps = 16;
     Motor& motor = motor_[right ? 1 : 0];
     const double gap = (*backlash_)["half_gap_rad"];
     const double inertia = (*backlash_)["motor_inertia_kg_m2"];
-    const double damping = 1.2 * std::sqrt(kStiffness_Nm_per_rad * inertia);
+    const double damping = 0.7 * std::sqrt(kStiffness_Nm_per_rad * inertia);
     const double h = step_s / kSteps;
     double impulse = 0;
     for (int i = 0; i < kSteps; ++i) {

@@ -15,7 +15,7 @@ namespace wheelwright::hidden {
 namespace {
 
 constexpr double kEnough = 50;
-constexpr double kShare = 0.002;
+constexpr double kShare = 0.0005;
 constexpr double kWindow_s = 2;
 constexpr double kStanding_rad_per_s = 0.03;
 
@@ -29,6 +29,7 @@ struct Log {
     double radius_m = 0;
     double track_m = 0;
     double castor_m = 0;
+    double wheel_inertia_kg_m2 = 0;
     double duration_s = 0;
     double peak_Nm = 0;
     double peak_rad_per_s = 0;
@@ -47,6 +48,7 @@ Log log_of(const Trial& trial) {
     log.radius_m = trial.robot.wheel_radius_m;
     log.track_m = trial.robot.track_m;
     log.castor_m = trial.robot.castor_ahead_m;
+    log.wheel_inertia_kg_m2 = trial.robot.wheel_inertia_kg_m2;
     log.duration_s = trial.duration_s;
     log.peak_Nm = trial.peak_torque_Nm;
     const Noise& noise = kNoises[trial.plan.noise];
@@ -117,8 +119,8 @@ std::vector<double> delayed(const std::vector<double>& u, double delay_s, double
 
 std::vector<double> through_gap(const std::vector<double>& u, const std::vector<double>& w, double gap,
                                 double inertia, double period_s) {
-    constexpr double kStiffness = 4000;
-    const double damping = 1.2 * std::sqrt(kStiffness * inertia);
+    constexpr double kStiffness = 100;
+    const double damping = 0.7 * std::sqrt(kStiffness * inertia);
     const int steps = std::max(1, static_cast<int>(std::lround(period_s / 6e-5)));
     const double h = period_s / steps;
     std::vector<double> out(u.size());
@@ -645,7 +647,7 @@ double best_of(const Log& log, std::string_view name, const std::vector<Candidat
     }
     if (name == "backlash") {
         for (const double gap : {0.006, 0.012, 0.025, 0.05, 0.09}) {
-            consider(with({{"half_gap_rad", gap}, {"motor_inertia_kg_m2", 0.0065}}));
+            consider(with({{"half_gap_rad", gap}, {"motor_inertia_kg_m2", log.wheel_inertia_kg_m2 / 2}}));
         }
         return best;
     }
@@ -666,19 +668,27 @@ OracleVerdict ask_oracle(const Trial& trial) {
     const Log log = log_of(trial);
     verdict.unexplained_true = unexplained(log, truth);
     verdict.unexplained_none = unexplained(log, {});
-    verdict.unexplained_rival = std::numeric_limits<double>::infinity();
-    const auto consider = [&](const std::string& name, double value) {
-        if (value >= verdict.unexplained_rival) return;
-        verdict.unexplained_rival = value;
-        verdict.nearest_rival = name;
-    };
+    double nearest = std::numeric_limits<double>::infinity();
     for (std::size_t i = 0; i < truth.size(); ++i) {
         std::vector<Candidate> others = truth;
         others.erase(others.begin() + static_cast<std::ptrdiff_t>(i));
-        consider(others.empty() ? "nothing" : others.front().name + " alone", unexplained(log, others));
+        // what this effect closes of the gap
+        const double without = unexplained(log, others);
+        const double gap = without - verdict.unexplained_true;
+        const auto consider = [&](const std::string& name, double value) {
+            const double excess = value - verdict.unexplained_true;
+            if (excess < std::max(kEnough, kShare * gap)) verdict.identifiable = false;
+            const double share = excess / std::max(gap, kEnough);
+            if (share >= nearest) return;
+            nearest = share;
+            verdict.unexplained_rival = value;
+            verdict.nearest_rival = name;
+        };
+        consider(others.empty() ? "nothing" : others.front().name + " alone", without);
         for (const EffectInfo& info : all_effects()) {
-            if (info.fault_of_log || info.name == "encoder_quantisation" || (info.needs_gyro && !log.gyro))
+            if (info.fault_of_log || info.name == "encoder_quantisation" || (info.needs_gyro && !log.gyro)) {
                 continue;
+            }
             // Dry friction that grows near standstill, by nothing, is dry friction: the smaller one is to be
             // named.
             const auto same = [&](const Candidate& c) {
@@ -690,9 +700,6 @@ OracleVerdict ask_oracle(const Trial& trial) {
             consider(name, best_of(log, info.name, others));
         }
     }
-    const double gap = verdict.unexplained_none - verdict.unexplained_true;
-    const double excess = verdict.unexplained_rival - verdict.unexplained_true;
-    verdict.identifiable = gap >= kEnough && excess >= std::max(kEnough, kShare * gap);
     return verdict;
 }
 

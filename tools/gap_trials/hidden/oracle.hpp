@@ -10,10 +10,11 @@
 // With lambda_true left by the hidden effect itself (true nonlinear parameters), lambda_none by the base
 // model alone, a trial is identifiable when
 //   lambda_none - lambda_true >= 50,  and for every other effect
-//   lambda_rival - lambda_true >= 50  and  >= 0.002 (lambda_none - lambda_true).
+//   lambda_rival - lambda_true >= 50  and  >= 0.0005 (lambda_none - lambda_true).
 // 50 is what a test on half of the data needs for a 1 % level over the library. The share says that two
 // explanations that differ by less of the gap are one to whoever does not have the exact model. With two
-// effects hidden: each left out, and each replaced by every other one, must obey the same. A rival that
+// effects hidden: each left out, and each replaced by every other one, must obey the same,
+// with the gap that the effect in question closes. A rival that
 // holds the truth as a special case is none: stribeck_friction beside coulomb_friction.
 // encoder_quantisation is always identifiable: every speed of the log lies on the grid. With nothing hidden
 // there is nothing to tell. What it leaves out: windows end where a wheel stands still, so sticking tells

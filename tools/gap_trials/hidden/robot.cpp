@@ -12,7 +12,7 @@ Robot draw_robot(Random& random) {
     robot.cog_ahead_m = about(0.046);
     robot.cog_height_m = about(0.062);
     robot.wheel_mass_kg = about(0.57);
-    robot.wheel_inertia_kg_m2 = about(0.0117);
+    robot.wheel_inertia_kg_m2 = about(0.0041);
     robot.castor_ahead_m = about(0.167);
     const double acceleration_m_per_s2 = random.uniform(2.4, 3.6);
     robot.torque_limit_Nm = robot.effective_mass_kg() * robot.wheel_radius_m * acceleration_m_per_s2 / 2;

@@ -308,16 +308,23 @@ Trial drawn(const TrialPlan& plan, std::string_view plant_name, const PlantMaker
     trial.duration_s = kDurations_s[random.below(kDurations_s.size())];
     trial.rate_Hz = kRates_Hz[random.below(kRates_Hz.size())];
     trial.gyro = random.chance(0.5);
-    if (!plan.motions.empty()) trial.motions = plan.motions;
-    if (plan.duration_s > 0) trial.duration_s = plan.duration_s;
-    if (plan.rate_Hz > 0) trial.rate_Hz = plan.rate_Hz;
-
     std::vector<const EffectInfo*> infos;
     for (const std::string& name : plan.effects) {
         infos.push_back(find_effect(name));
         if (infos.back() == nullptr) throw std::runtime_error("unknown effect " + name);
-        if (infos.back()->needs_gyro) trial.gyro = true;
+        if (infos.back()->needs_gyro || infos.back()->gyro_tells) trial.gyro = true;
+        if (infos.back()->quick) {
+            std::erase(trial.motions, Motion::prbs);
+            std::erase(trial.motions, Motion::chirp);
+            trial.motions.resize(std::min<std::size_t>(trial.motions.size(), 1));
+            trial.motions.insert(trial.motions.begin(), {Motion::prbs, Motion::chirp});
+            trial.duration_s = kDurations_s.back();
+        }
     }
+    if (!plan.motions.empty()) trial.motions = plan.motions;
+    if (plan.duration_s > 0) trial.duration_s = plan.duration_s;
+    if (plan.rate_Hz > 0) trial.rate_Hz = plan.rate_Hz;
+
     Run run;
     if (infos.empty()) {
         run = drive(trial, {}, make_plant);
