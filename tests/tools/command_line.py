@@ -55,7 +55,7 @@ class Help(unittest.TestCase):
         self.assertEqual(status, 0)
         self.assertIn("Exit status: 0 done; 1 usage or configuration; 2 unusable input", out)
         commands = re.findall(r"^  ([\w-]+)  +\S", out.split("Subcommands:")[1], re.M)
-        for name in ("check", "ctl", "gap-trials", "monitor", "record"):
+        for name in ("check", "ctl", "gap", "gap-trials", "monitor", "record"):
             self.assertIn(name, commands)
         for name in commands:
             status, out, err = run(name, "--help")

@@ -12,8 +12,8 @@ namespace wheelwright::model {
 // Gravity on a tilted floor. With the downhill parts of gravity's acceleration along the fixed frame's axes,
 // (g_x, g_y) = -g sin(angle) (cos uphill, sin uphill), it pulls at the centre of gravity:
 //   F = m (g_x cos heading + g_y sin heading),  N = a m (g_y cos heading - g_x sin heading),
-// with m = 1 / (K7 r) and a m = K5 m: K7 holds no other mass, so the wheels' rotation (a few per cent of m)
-// makes the angle seem smaller by its share. g_x and g_y are the coordinates.
+// with m = 1 / (K7 r) and a m = K5 m: K7 holds no other mass, so the angle seems smaller by the share that
+// the wheels' rotation has in it. g_x and g_y are the coordinates.
 struct Slope {
     static constexpr double kGravity_m_per_s2 = 9.80665;
     static constexpr std::array<EffectParameterInfo, 2> parameters{{

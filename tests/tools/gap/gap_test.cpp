@@ -1,0 +1,179 @@
+// The gap analysis on logs whose hidden effect is known here and nowhere else.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tests/tools/gap/hidden_effect.hpp"
+#include "tests/tools/ident/temporary_file.hpp"
+#include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/gap_output.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using test::HiddenEffect;
+using test::HiddenLog;
+
+namespace {
+
+constexpr double kDuration_s = 40;
+constexpr double kRate_Hz = 250;
+
+gap::Findings analyse(const HiddenLog& hidden, std::string* json = nullptr) {
+    const TemporaryFile file;
+    const std::string& path = file.path;
+    test::write_csv(hidden.log, path);
+    gap::Request request;
+    request.logs = {path};
+    request.geometry = hidden.geometry;
+    gap::Findings findings = gap::analyse(request);
+    if (json != nullptr) *json = gap::json(findings, request);
+    return findings;
+}
+
+std::string names_of(const gap::Findings& f) {
+    std::string names;
+    for (const auto& e : f.search.effects) names.append(" ").append(model::kEffects[e.effect].name);
+    return names;
+}
+
+std::vector<HiddenEffect> medium() {
+    return {{"viscous_friction", 0.08, {0.02, 0.02}}, {"coulomb_friction", 0.08, {0.1, 0.1}},
+            {"quadratic_drag", 0.08, {2.0}},          {"turning_scrub", 0.08, {0.2}},
+            {"torque_bias", 0.08, {0.1, -0.04}},      {"slope", 0, {0.03, 0.7}},
+            {"torque_gain_mismatch", 0, {0.08}}};
+}
+
+}  // namespace
+
+TEST_GROUP(GapSearch){};
+
+TEST(GapSearch, names_each_effect_of_medium_size) {
+    int right = 0, all = 0, extra = 0;
+    for (const HiddenEffect& effect : medium()) {
+        for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+            const HiddenLog hidden = test::hidden_log(effect, seed, 0.01, kDuration_s, kRate_Hz);
+            const gap::Findings f = analyse(hidden);
+            const std::string names = names_of(f);
+            const bool exact = f.search.verdict == gap::Verdict::named && f.search.effects.size() == 1 &&
+                               model::kEffects[f.search.effects[0].effect].name == effect.name;
+            right += exact;
+            extra += f.search.effects.size() > 1;
+            ++all;
+            std::printf("%-22s seed %d: %s:%s", effect.name.c_str(), int(seed),
+                        gap::verdict_name(f.search.verdict), names.c_str());
+            for (const auto& e : f.search.effects) {
+                for (const auto& p : e.parameters) std::printf("  %.4g+-%.2g", p.value, p.standard_error);
+                for (const auto& r : e.rivals)
+                    std::printf(" [rival %s keeps %.3f]", model::kEffects[r.effect].name.data(), r.keeps);
+            }
+            std::printf(
+                " (truth %.4g %.4g) closed %.3f, gap %.3g -> %.3g floor %.3g, left %.4f, late %.2f+-%.2f, "
+                "run %.3g -> %.3g\n",
+                hidden.parameters[0], hidden.parameters[1], f.search.closable_share, f.search.gap_refit,
+                f.search.gap_after, f.search.floor, f.search.left_torque_share, f.search.timing_samples,
+                f.search.timing_error, f.heldout.empty() ? 0.0 : f.heldout.back().before,
+                f.heldout.empty() ? 0.0 : f.heldout.back().after);
+            for (const auto& p : f.problems) std::printf("  problem: %s\n", p.c_str());
+        }
+    }
+    std::printf("%d of %d named exactly, %d with a name too many\n", right, all, extra);
+    CHECK(right >= all * 9 / 10);
+    CHECK(extra <= all / 20);
+}
+
+TEST(GapSearch, names_nothing_where_nothing_is_hidden) {
+    int alarms = 0;
+    int unexplained = 0;
+    constexpr int kLogs = 30;
+    for (std::uint64_t seed = 101; seed < 101 + kLogs; ++seed) {
+        const double noise = seed % 3 == 0 ? 0.002 : seed % 3 == 1 ? 0.01 : 0.05;
+        const gap::Findings f = analyse(test::hidden_log({}, seed, noise, kDuration_s, kRate_Hz));
+        alarms += !f.search.effects.empty();
+        unexplained += f.search.verdict != gap::Verdict::nothing_missing;
+        if (f.search.verdict != gap::Verdict::nothing_missing) {
+            std::printf(
+                "seed %d noise %g: %s, %s; gap %.3g floor %.3g left %.4f late %.2f+-%.2f\n", int(seed), noise,
+                gap::verdict_name(f.search.verdict),
+                f.search.effects.empty() ? "" : model::kEffects[f.search.effects[0].effect].name.data(),
+                f.search.gap_refit, f.search.floor, f.search.left_torque_share, f.search.timing_samples,
+                f.search.timing_error);
+        }
+    }
+    std::printf("%d logs with nothing hidden: %d false alarms, %d not called nothing_missing\n", kLogs,
+                alarms, unexplained);
+    LONGS_EQUAL(0, alarms);
+    CHECK(unexplained <= 1);
+}
+
+TEST_GROUP(GapFindings){};
+
+TEST(GapFindings, parameters_lie_within_their_intervals_and_the_free_run_comes_down_to_the_noise) {
+    std::string json;
+    const HiddenLog hidden = test::hidden_log({"quadratic_drag", 0.1, {2.0}}, 7, 0.01, kDuration_s, kRate_Hz);
+    const gap::Findings f = analyse(hidden, &json);
+    STRCMP_EQUAL(" quadratic_drag", names_of(f).c_str());
+    const gap::ParameterEstimate& drag = f.search.effects[0].parameters[0];
+    CHECK(std::abs(drag.value - hidden.parameters[0]) < 5 * drag.standard_error);
+    DOUBLES_EQUAL(hidden.parameters[0], drag.value, 0.01 * hidden.parameters[0]);
+    const gap::FreeRun& whole = f.heldout.back();
+    DOUBLES_EQUAL(0, whole.window_s, 0);
+    CHECK(whole.before > 10 * whole.after);
+    CHECK(whole.after < 3 * f.floor_rad_per_s);
+    for (const char* field :
+         {"\"verdict\": \"named\"", "\"drag_N_s2_per_m2\"", "\"interval_95\"", "\"closes\"", "\"rivals\"",
+          "\"parameter_shift\"", "\"unknowable\"", "\"where\"", "\"detectable\"", "\"advice\"",
+          "\"wheel_speed_rms_rad_s\"", "\"closable_share\""}) {
+        CHECK_TEXT(json.find(field) != std::string::npos, field);
+    }
+}
+
+TEST(GapFindings, driven_straight_nothing_is_said_of_turning) {
+    HiddenLog hidden =
+        test::hidden_log({"coulomb_friction", 0.1, {0.1, 0.1}}, 4, 0.01, kDuration_s, kRate_Hz, true);
+    const gap::Findings f = analyse(hidden);
+    CHECK_FALSE(f.turning);
+    STRCMP_EQUAL(" coulomb_friction", names_of(f).c_str());
+    CHECK(std::find(f.search.unknowable.begin(), f.search.unknowable.end(), "K8") !=
+          f.search.unknowable.end());
+}
+
+TEST(GapFindings, a_bias_driven_straight_names_the_slope_as_its_rival) {
+    const HiddenLog hidden =
+        test::hidden_log({"torque_bias", 0.1, {0.1, 0.1}}, 5, 0.01, kDuration_s, kRate_Hz, true);
+    const gap::Findings f = analyse(hidden);
+    STRCMP_EQUAL(" torque_bias", names_of(f).c_str());
+    LONGS_EQUAL(1, f.search.effects[0].rivals.size());
+    CHECK(f.search.effects[0].rivals[0].alike);
+    LONGS_EQUAL(model::find_effect("slope"), f.search.effects[0].rivals[0].effect);
+}
+
+TEST(GapFindings, unusable_logs_say_why) {
+    const HiddenLog good = test::hidden_log({}, 9, 0.01, kDuration_s, kRate_Hz);
+    const auto problem = [&](auto&& spoil) {
+        HiddenLog spoilt = good;
+        for (tools::MeasuredSample& s : spoilt.log.samples) spoil(s);
+        const gap::Findings f = analyse(spoilt);
+        return f.problems.empty() ? std::string() : f.problems.front();
+    };
+    STRCMP_CONTAINS("sign", problem([](tools::MeasuredSample& s) {
+                                s.torque_Nm = {std::abs(s.torque_Nm.left), std::abs(s.torque_Nm.right)};
+                            }).c_str());
+    STRCMP_CONTAINS("swapped", problem([](tools::MeasuredSample& s) {
+                                   std::swap(s.speed_rad_per_s.left, s.speed_rad_per_s.right);
+                               }).c_str());
+    STRCMP_CONTAINS("swapped", problem([](tools::MeasuredSample& s) {
+                                   std::swap(s.torque_Nm.left, s.torque_Nm.right);
+                               }).c_str());
+    STRCMP_CONTAINS("2 pi",
+                    problem([](tools::MeasuredSample& s) {
+                        s.speed_rad_per_s = {s.speed_rad_per_s.left / 6.283, s.speed_rad_per_s.right / 6.283};
+                    }).c_str());
+    STRCMP_CONTAINS("excitation", problem([](tools::MeasuredSample& s) { s.torque_Nm = {}; }).c_str());
+    HiddenLog brief = good;
+    brief.log.samples.resize(500);
+    STRCMP_CONTAINS("too short", analyse(brief).problems.front().c_str());
+}

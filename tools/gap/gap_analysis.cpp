@@ -1,0 +1,550 @@
+#include "tools/gap/gap_analysis.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "sim_hal/plant.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+using tools::MeasuredLog;
+using tools::MeasuredSample;
+
+constexpr double kStep_s = 0.0005;       // of the simulated robot
+constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
+constexpr std::size_t kFewestBlocks = 6;
+constexpr double kHeldOutShare = 0.2;
+constexpr int kMostPasses = 4;
+
+model::Dynamics<double> dynamics_of(const Fit& f, bool turning, double track_m) {
+    model::Dynamics<double> k{f.value(0), f.value(1), f.value(2), f.value(3)};
+    if (!turning) {
+        // nothing is known of turning: a robot that goes straight, with any inertia
+        k.k5_m = k.k6_per_m = 0;
+        k.k8_per_kg_m2 = 4 * k.k7_per_kg_m / track_m;
+    }
+    return k;
+}
+
+struct Robot {
+    model::Geometry<double> geometry;
+    model::Dynamics<double> dynamics;
+    model::EffectSet<double> effects;
+    bool turning = true;
+};
+
+// Sum of squared differences of the wheel speeds, both wheels; `take` gets each
+// sample's simulated speeds.
+template <typename Take>
+double run_free(const Robot& robot, const MeasuredLog& log, std::size_t from, std::size_t to,
+                double heading_rad, Take&& take) {
+    sim::Plant plant(sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects),
+                     {0, 0, heading_rad});
+    const auto balanced = [&](WheelPair<double> pair) {
+        if (robot.turning) return pair;
+        const double mean = pair.sum() / 2;
+        return WheelPair<double>{mean, mean};
+    };
+    plant.place({0, 0, heading_rad},
+                model::twist_from_wheel_speeds(robot.geometry, balanced(log.samples[from].speed_rad_per_s)));
+    const int steps = static_cast<int>(std::ceil(log.period_s / kStep_s - 1e-9));
+    double sum = 0;
+    for (std::size_t i = from; i + 1 < to; ++i) {
+        const WheelPair<double> torque = balanced(log.samples[i].torque_Nm);
+        for (int s = 0; s < steps; ++s) plant.advance(log.period_s / steps, torque);
+        const WheelPair<double>& measured = log.samples[i + 1].speed_rad_per_s;
+        const WheelPair<double>& simulated = plant.wheel_speed_rad_per_s();
+        sum += std::pow(simulated.left - measured.left, 2) + std::pow(simulated.right - measured.right, 2);
+        take(i + 1, simulated);
+    }
+    return sum;
+}
+
+class Analysis {
+  public:
+    explicit Analysis(const Request& request) : request_(request) {}
+
+    Findings run() {
+        read();
+        if (good()) look();
+        if (!good()) return findings_;
+        split();
+        request_.progress("products of columns");
+        first_model();
+        if (!good()) return findings_;
+        request_.progress("search");
+        findings_.search = search(train_, report_.blocks, {base_effects(), findings_.turning});
+        // Columns may depend on K5..K8 (a slope's do), which what was missing had
+        // spoilt.
+        for (int again = 0; again < kMostPasses && !findings_.search.effects.empty(); ++again) {
+            const model::Dynamics<double> found =
+                dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
+            if (close(found, dynamics_)) break;
+            make(found);
+            findings_.search = search(train_, report_.blocks, {base_effects(), findings_.turning});
+        }
+        refine_names();
+        take_models();
+        request_.progress("free run on the held-out part");
+        free_runs();
+        curves();
+        return findings_;
+    }
+
+  private:
+    bool good() const { return findings_.problems.empty(); }
+    void problem(const std::string& text) { findings_.problems.push_back(text); }
+
+    void read() {
+        std::vector<std::string> paths = request_.logs;
+        if (!request_.heldout_log.empty()) paths.push_back(request_.heldout_log);
+        for (const std::string& path : paths) {
+            tools::MeasuredLogResult result = tools::read_measured_csv(path);
+            if (!result.log) {
+                for (const tools::LineProblem& p : result.problems) {
+                    problem(path + ":" + std::to_string(p.line) + ": " + p.message);
+                }
+                continue;
+            }
+            logs_.push_back(std::move(*result.log));
+        }
+    }
+
+    void look() {
+        double torque = 0;
+        double speed = 0;
+        bool negative_torque = false;
+        bool negative_speed = false;
+        for (const MeasuredLog& log : logs_) {
+            findings_.duration_s += log.period_s * double(log.samples.size() - 1);
+            for (const MeasuredSample& s : log.samples) {
+                torque += std::pow(s.torque_Nm.left, 2) + std::pow(s.torque_Nm.right, 2);
+                speed += std::pow(s.speed_rad_per_s.left, 2) + std::pow(s.speed_rad_per_s.right, 2);
+                negative_torque = negative_torque || s.torque_Nm.left < 0 || s.torque_Nm.right < 0;
+                negative_speed =
+                    negative_speed || s.speed_rad_per_s.left < -1 || s.speed_rad_per_s.right < -1;
+            }
+        }
+        double samples = 0;
+        for (const MeasuredLog& log : logs_) samples += double(log.samples.size());
+        speed_rms_ = std::sqrt(speed / (2 * samples));
+        findings_.rate_Hz = 1 / logs_.front().period_s;
+        if (torque == 0) problem("no excitation: the torque is zero throughout");
+        if (speed == 0) problem("no motion: the wheel speeds are zero throughout");
+        if (torque > 0 && negative_speed && !negative_torque) {
+            problem(
+                "the wheels turn backwards, yet the torque is never negative: "
+                "has it lost its sign?");
+        }
+        if (!good()) return;
+        findings_.noise_rad_per_s = speed_noise(logs_);
+        double yaw = 0;
+        double count = 0;
+        const model::Geometry<double>& g = request_.geometry;
+        double gg = 0, gw = 0, ww = 0, g1 = 0, w1 = 0, n = 0;
+        for (const MeasuredLog& log : logs_) {
+            for (const MeasuredSample& s : log.samples) {
+                const double omega = model::twist_from_wheel_speeds(g, s.speed_rad_per_s).omega_rad_per_s;
+                yaw += omega * omega;
+                ++count;
+                if (log.has_gyro) {
+                    gg += s.gyro_rad_per_s * s.gyro_rad_per_s;
+                    gw += s.gyro_rad_per_s * omega;
+                    ww += omega * omega;
+                    g1 += s.gyro_rad_per_s;
+                    w1 += omega;
+                    ++n;
+                }
+            }
+        }
+        const double noise = std::hypot(g.wheel_radius_m.left * findings_.noise_rad_per_s.left,
+                                        g.wheel_radius_m.right * findings_.noise_rad_per_s.right) /
+                             g.track_m;
+        findings_.turning = yaw / count > kTurningOverNoise * noise * noise;
+        if (n > 0 && findings_.turning) {
+            const double spread = ww - w1 * w1 / n;
+            const double slope = spread > 0 ? (gw - g1 * w1 / n) / spread : 0.0;
+            const double bias = (g1 - slope * w1) / n;
+            const double rest = std::max(0.0, gg - g1 * g1 / n - slope * slope * spread);
+            const double error = spread > 0 ? std::sqrt(rest / n / spread) : 0.0;
+            findings_.gyro = {bias, slope, error};
+            const auto near = [&](double factor) { return std::abs(slope / factor - 1) < 0.2; };
+            if (slope < 0 && std::abs(slope) > 20 * error) {
+                problem(
+                    "gyro and wheels turn in opposite senses: are left and right "
+                    "swapped?");
+            } else if (near(2 * 3.14159265) || near(1 / (2 * 3.14159265))) {
+                problem(
+                    "the wheels' yaw rate is off the gyro's by a factor near 2 pi: "
+                    "turns instead of radians?");
+            } else if (near(1000) || near(0.001) || near(57.29578) || near(1 / 57.29578)) {
+                problem(
+                    "the wheels' yaw rate is off the gyro's by a factor of a unit: "
+                    "rad/s are expected");
+            }
+        }
+    }
+
+    void split() {
+        const bool whole_log = !request_.heldout_log.empty();
+        const std::size_t last = logs_.size() - 1;
+        const MeasuredLog& log = logs_[last];
+        std::size_t cut = 0;
+        if (!whole_log) {
+            const double end = log.samples.back().t_s;
+            const double start = log.samples.front().t_s;
+            const double from = request_.heldout_from_s.value_or(end - kHeldOutShare * (end - start));
+            while (cut < log.samples.size() && log.samples[cut].t_s < from) ++cut;
+        }
+        for (std::size_t i = 0; i < logs_.size(); ++i) {
+            const std::size_t end = i == last ? cut : logs_[i].samples.size();
+            if (end > 1) training_.push_back({&logs_[i], i, 0, end, 0});
+        }
+        double heading = 0;
+        for (std::size_t i = 0; i + 1 < std::max<std::size_t>(cut, 1); ++i) {
+            heading += log.period_s *
+                       model::twist_from_wheel_speeds(request_.geometry, log.samples[i].speed_rad_per_s)
+                           .omega_rad_per_s;
+        }
+        if (log.samples.size() > cut + 2) held_out_ = LogPart{&log, last, cut, log.samples.size(), heading};
+        findings_.heldout_from_s = log.samples[std::min(cut, log.samples.size() - 1)].t_s;
+    }
+
+    static bool close(const model::Dynamics<double>& a, const model::Dynamics<double>& b) {
+        const auto near = [](double x, double y, double scale) { return std::abs(x - y) < 1e-3 * scale; };
+        return near(a.k7_per_kg_m, b.k7_per_kg_m, b.k7_per_kg_m) &&
+               near(a.k8_per_kg_m2, b.k8_per_kg_m2, b.k8_per_kg_m2) && near(a.k5_m, b.k5_m, 0.1);
+    }
+
+    void make(const model::Dynamics<double>& dynamics) {
+        dynamics_ = dynamics;
+        BlockOptions options;
+        options.geometry = request_.geometry;
+        options.dynamics = dynamics;
+        options.noise_rad_per_s = findings_.noise_rad_per_s;
+        options.speed_rms_rad_per_s = speed_rms_;
+        double total = 0;
+        for (const LogPart& part : training_) total += part.log->period_s * double(part.end - part.first);
+        // two dozens of blocks where the log allows it
+        options.block_s = std::clamp(total / 24, 0.5, 2.0);
+        train_ = make_blocks(training_, options);
+        const Colour colour = colour_of_rest(train_);
+        weigh(train_, colour);
+        report_ = {};
+        if (held_out_) {
+            report_ = make_blocks(std::array{*held_out_}, options);
+            weigh(report_, colour);
+        }
+    }
+
+    model::EffectSet<double> base_effects() const {
+        return request_.robot ? request_.robot->effects : model::EffectSet<double>{};
+    }
+
+    Blocks pointers(const BlockSet& set) const {
+        Blocks blocks;
+        for (const Block& b : set.blocks) blocks.push_back(&b);
+        return blocks;
+    }
+
+    void first_model() {
+        model::Dynamics<double> start;
+        start.k7_per_kg_m = 1;
+        make(start);
+        if (train_.blocks.size() < kFewestBlocks) {
+            problem("too short: " + std::to_string(train_.blocks.size()) +
+                    " pieces of at least half a second in which " +
+                    "both wheels turn are left for the search, and it takes " +
+                    std::to_string(kFewestBlocks) + "; drive for 20 s");
+            return;
+        }
+        const Fit f = fit(pointers(train_), {{{{kTiming}}}, findings_.turning});
+        if (!(f.value(2) > 0)) {
+            problem(
+                "forward torque slows the robot down: is the sign of torque or "
+                "speed wrong?");
+            return;
+        }
+        if (findings_.turning && !(f.value(3) > 3 * f.error(3))) {
+            if (f.value(3) < -3 * f.error(3)) {
+                problem(
+                    "torque turns the robot the wrong way: are left and right of "
+                    "torque or speed swapped?");
+                return;
+            }
+            findings_.turning = false;  // turned, but not by the torques
+        }
+        findings_.blocks = train_.blocks.size();
+        make(dynamics_of(f, findings_.turning, request_.geometry.track_m));
+    }
+
+    // What would tell the named ones from their rivals: the motion in which they
+    // are least alike.
+    void refine_names() {
+        for (NamedEffect& e : findings_.search.effects) {
+            for (Rival& r : e.rivals) r.separated_by = separating_motion(e, r);
+        }
+    }
+
+    struct Primitive {
+        const char* name;
+        WheelPair<double> (*torque)(double t_s, double size);
+    };
+    static constexpr double kPrimitive_s = 12;
+
+    std::string separating_motion(const NamedEffect& e, const Rival& r) const {
+        // NOLINTBEGIN(readability-magic-numbers): shapes of motions
+        static constexpr std::array<Primitive, 6> kPrimitives{{
+            {"reversals at a creep",
+             [](double t, double a) {
+                 const double s = 0.25 * a * (std::fmod(t, 2.0) < 1 ? 1 : -1);
+                 return WheelPair<double>{s, s};
+             }},
+            {"full torque, then coasting",
+             [](double t, double a) {
+                 const double s = t < 2 ? a : 0.0;
+                 return WheelPair<double>{s, s};
+             }},
+            {"spins both ways",
+             [](double t, double a) {
+                 const double s = 0.5 * a * (std::fmod(t, 4.0) < 2 ? 1 : -1);
+                 return WheelPair<double>{-s, s};
+             }},
+            {"curves through all headings",
+             [](double t, double a) {
+                 return WheelPair<double>{0.3 * a * std::sin(0.9 * t) + 0.04 * a,
+                                          0.3 * a * std::sin(0.9 * t) - 0.04 * a};
+             }},
+            {"out and back at three speeds",
+             [](double t, double a) {
+                 const double s = a * (0.2 + 0.3 * std::floor(t / 4)) * std::sin(2 * 3.14159265 * t / 4);
+                 return WheelPair<double>{s, s};
+             }},
+            {"random torques on each wheel",
+             [](double t, double a) {
+                 return WheelPair<double>{0.5 * a * std::sin(7.1 * t) * std::sin(1.3 * t),
+                                          0.5 * a * std::sin(5.7 * t + 1) * std::sin(0.9 * t)};
+             }},
+        }};
+        // NOLINTEND(readability-magic-numbers)
+        const Search& s = findings_.search;
+        const model::Dynamics<double> k = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
+        std::string best = "another motion";
+        double least = 1;
+        for (const Primitive& p : kPrimitives) {
+            sim::Plant plant(sim::plant_from_dynamics(request_.geometry, k, effects_of(s.after)));
+            MeasuredLog log;
+            log.period_s = 0.01;
+            for (int i = 0; i <= static_cast<int>(kPrimitive_s / log.period_s); ++i) {
+                MeasuredSample sample;
+                sample.t_s = i * log.period_s;
+                sample.torque_Nm = p.torque(sample.t_s, 2 * train_.torque_rms_Nm);
+                sample.speed_rad_per_s = plant.wheel_speed_rad_per_s();
+                for (int n = 0; n < 20; ++n) plant.advance(log.period_s / 20, sample.torque_Nm);
+                log.samples.push_back(sample);
+            }
+            BlockOptions options;
+            options.geometry = request_.geometry;
+            options.dynamics = k;
+            options.noise_rad_per_s = findings_.noise_rad_per_s;
+            options.speed_rms_rad_per_s = speed_rms_;
+            const LogPart part{&log, 0, 0, log.samples.size(), 0};
+            const BlockSet set = make_blocks(std::array{part}, options);
+            if (set.blocks.empty()) continue;
+            Fit base = s.base;
+            base.shape.turning = true;
+            base.value(3) = k.k8_per_kg_m2;
+            const auto amounts = [](std::size_t effect) {
+                std::vector<Amount> all;
+                for (int c = columns_of(effect).first; c < columns_of(effect).second; ++c)
+                    all.push_back({{c}});
+                return all;
+            };
+            const double alike = likeness(pointers(set), base, amounts(e.effect), amounts(r.effect));
+            if (alike < least) {
+                least = alike;
+                best = p.name;
+            }
+        }
+        return best;
+    }
+
+    void take_models() {
+        const Search& s = findings_.search;
+        const double track = request_.geometry.track_m;
+        findings_.before = dynamics_of(s.base, findings_.turning, track);
+        findings_.after = dynamics_of(s.after, findings_.turning, track);
+        findings_.after_error = {s.after.error(0), s.after.error(1), s.after.error(2), s.after.error(3)};
+        findings_.effects_before = effects_of(s.base);
+        findings_.effects_after = effects_of(s.after);
+        if (request_.robot) {
+            Fit nominal = s.base;
+            const auto& k = request_.robot->dynamics;
+            nominal.value.setZero();
+            nominal.value.head<4>() << k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2;
+            for (std::size_t a = 0; a < nominal.shape.amounts.size(); ++a) {
+                const ColumnName& name = columns()[std::size_t(nominal.shape.amounts[a].columns.front())];
+                if (name.effect == model::kEffectCount) continue;
+                model::Parameters<double> c = request_.robot->effects.parameter[name.effect];
+                std::array<bool, model::kEffectCount> one{};
+                one[name.effect] = true;
+                model::for_each_active(one, [&]<typename Effect>(std::size_t) {
+                    if constexpr (model::HasOwnCoordinates<Effect>) c = Effect::coordinates(c);
+                });
+                nominal.value(4 + Eigen::Index(a)) = c[name.coordinate];
+            }
+            const Blocks all = pointers(train_);
+            findings_.gap_nominal = squares(all, nominal) / row_count(all, nominal.shape);
+        }
+    }
+
+    void free_runs() {
+        const WheelPair<double>& noise = findings_.noise_rad_per_s;
+        findings_.floor_rad_per_s = std::sqrt((noise.left * noise.left + noise.right * noise.right) / 2);
+        if (!held_out_) return;
+        const LogPart& part = *held_out_;
+        const MeasuredLog& log = *part.log;
+        const Robot before{request_.geometry, findings_.before, findings_.effects_before, findings_.turning};
+        const Robot after{request_.geometry, findings_.after, findings_.effects_after, findings_.turning};
+        std::optional<Robot> nominal;
+        if (request_.robot) {
+            nominal = Robot{request_.geometry, request_.robot->dynamics, request_.robot->effects,
+                            findings_.turning};
+        }
+        findings_.heldout_s = log.period_s * double(part.end - part.first - 1);
+        std::vector<double> headings{part.initial_heading_rad};
+        double power = 0;
+        for (std::size_t i = part.first; i < part.end; ++i) {
+            const WheelPair<double>& w = log.samples[i].speed_rad_per_s;
+            headings.push_back(headings.back() +
+                               log.period_s *
+                                   model::twist_from_wheel_speeds(request_.geometry, w).omega_rad_per_s);
+            power += w.left * w.left + w.right * w.right;
+        }
+        findings_.heldout_rms_rad_per_s = std::sqrt(power / (2.0 * double(part.end - part.first)));
+        for (const double window : {1.0, 5.0, 10.0, 0.0}) {
+            FreeRun result;
+            result.window_s = window;
+            const std::size_t length = window == 0
+                                           ? part.end - part.first
+                                           : static_cast<std::size_t>(std::lround(window / log.period_s)) + 1;
+            if (length > part.end - part.first) continue;
+            const auto rms = [&](const Robot& robot) {
+                double sum = 0;
+                std::size_t count = 0;
+                result.windows = 0;
+                for (std::size_t from = part.first; from + length <= part.end; from += length - 1) {
+                    sum += run_free(robot, log, from, from + length, headings[from - part.first],
+                                    [](std::size_t, const WheelPair<double>&) {});
+                    count += 2 * (length - 1);
+                    ++result.windows;
+                }
+                return std::sqrt(sum / double(count));
+            };
+            if (nominal) result.nominal = rms(*nominal);
+            result.before = rms(before);
+            result.after = rms(after);
+            findings_.heldout.push_back(result);
+        }
+        // a picture of it: the first ten seconds, the left wheel
+        const std::size_t end = std::min(part.end, part.first + static_cast<std::size_t>(10 / log.period_s));
+        Trace& trace = findings_.trace;
+        run_free(before, log, part.first, end, part.initial_heading_rad,
+                 [&](std::size_t i, const WheelPair<double>& w) {
+                     trace.t_s.push_back(log.samples[i].t_s);
+                     trace.measured.push_back(log.samples[i].speed_rad_per_s.left);
+                     trace.before.push_back(w.left);
+                 });
+        run_free(after, log, part.first, end, part.initial_heading_rad,
+                 [&](std::size_t, const WheelPair<double>& w) { trace.after.push_back(w.left); });
+    }
+
+    // Mean torque that is missing, forward, over 0.1 s, in bins of the mean wheel
+    // speed.
+    void curves() {
+        constexpr std::size_t kBins = 24;
+        constexpr double kSpan_s = 0.1;
+        std::vector<std::array<double, 3>> points;
+        double fastest = 0;
+        const auto missing = [&](const MeasuredLog& log, std::size_t from, std::size_t to,
+                                 const model::Dynamics<double>& k, const model::EffectSet<double>& effects) {
+            double torque = 0;
+            double product = 0;
+            for (std::size_t i = from; i < to; ++i) {
+                model::Motion<double> m;
+                m.wheel_speed_rad_per_s = log.samples[i].speed_rad_per_s;
+                m.twist = model::twist_from_wheel_speeds(request_.geometry, m.wheel_speed_rad_per_s);
+                m.heading_rad = heading_[&log - logs_.data()][i];
+                const model::EffectContext<double> context{m, log.samples[i].torque_Nm, request_.geometry, k};
+                const WheelPair<double> smooth = model::smooth_effect_torque_Nm(effects, context);
+                torque += model::delivered_torque_Nm(effects, context).sum() + smooth.sum();
+                model::for_each_dry(effects, request_.geometry,
+                                    [&](std::size_t, unsigned, const WheelPair<double>& d, double limit) {
+                                        const double s = model::sliding_speed(d, m.wheel_speed_rad_per_s);
+                                        torque -= limit * (s > 0 ? 1.0 : s < 0 ? -1.0 : 0.0) * d.sum();
+                                    });
+                product += m.twist.omega_rad_per_s * m.twist.omega_rad_per_s;
+            }
+            const double n = double(to - from);
+            const double gained =
+                model::twist_from_wheel_speeds(request_.geometry, log.samples[to].speed_rad_per_s).v_m_per_s -
+                model::twist_from_wheel_speeds(request_.geometry, log.samples[from].speed_rad_per_s)
+                    .v_m_per_s;
+            return ((gained / (n * log.period_s) - k.k5_m * product / n) / k.k7_per_kg_m - torque / n) / 2;
+        };
+        for (const MeasuredLog& log : logs_) {
+            std::vector<double> heading{0};
+            for (const MeasuredSample& s : log.samples) {
+                heading.push_back(
+                    heading.back() +
+                    log.period_s *
+                        model::twist_from_wheel_speeds(request_.geometry, s.speed_rad_per_s).omega_rad_per_s);
+            }
+            heading_.push_back(std::move(heading));
+        }
+        for (const MeasuredLog& log : logs_) {
+            const auto span = static_cast<std::size_t>(std::max(1.0, std::round(kSpan_s / log.period_s)));
+            for (std::size_t from = 0; from + span < log.samples.size(); from += span) {
+                double speed = 0;
+                for (std::size_t i = from; i < from + span; ++i)
+                    speed += log.samples[i].speed_rad_per_s.sum() / 2;
+                speed /= double(span);
+                fastest = std::max(fastest, std::abs(speed));
+                points.push_back({speed,
+                                  missing(log, from, from + span, findings_.before, findings_.effects_before),
+                                  missing(log, from, from + span, findings_.after, findings_.effects_after)});
+            }
+        }
+        std::array<std::array<double, 4>, kBins> bins{};
+        for (const auto& p : points) {
+            const auto b =
+                std::min(kBins - 1, static_cast<std::size_t>((p[0] / fastest + 1) / 2 * double(kBins)));
+            bins[b][0] += 1;
+            for (std::size_t i = 0; i < 3; ++i) bins[b][i + 1] += p[i];
+        }
+        for (const auto& b : bins) {
+            if (b[0] < 5) continue;
+            findings_.against_speed.x.push_back(b[1] / b[0]);
+            findings_.against_speed.before.push_back(b[2] / b[0]);
+            findings_.against_speed.after.push_back(b[3] / b[0]);
+        }
+    }
+
+    const Request& request_;
+    Findings findings_;
+    std::vector<MeasuredLog> logs_;
+    std::vector<LogPart> training_;
+    std::optional<LogPart> held_out_;
+    BlockSet train_, report_;
+    double speed_rms_ = 0;
+    model::Dynamics<double> dynamics_;  // that the columns were made with
+    std::vector<std::vector<double>> heading_;
+};
+
+}  // namespace
+
+Findings analyse(const Request& request) { return Analysis(request).run(); }
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,61 @@
+// `wheelwright gap`: from logs to findings. Everything it finds is in Findings;
+// what is written about it is gap_output.hpp's.
+#pragma once
+
+#include <array>
+#include <functional>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/model/robot_parameters.hpp"
+#include "tools/gap/gap_search.hpp"
+
+namespace wheelwright::gap {
+
+struct Request {
+    std::vector<std::string> logs;
+    std::string heldout_log;               // or
+    std::optional<double> heldout_from_s;  // of the last log; else the last fifth of it
+    model::Geometry<double> geometry;
+    std::optional<model::RobotParameters> robot;  // the given model
+    std::function<void(const std::string&)> progress = [](const std::string&) {};
+};
+
+// Free run of the simulated robot over measured torque, against the measured
+// wheel speeds.
+struct FreeRun {
+    double window_s = 0;  // 0: the whole part
+    std::size_t windows = 0;
+    std::optional<double> nominal;  // of the given model
+    double before = 0, after = 0;   // rad/s RMS over both wheels
+};
+
+struct Curve {  // residual as torque, both wheels' mean, in bins
+    std::vector<double> x, before, after;
+};
+struct Trace {
+    std::vector<double> t_s, measured, before, after;
+};
+
+struct Findings {
+    std::vector<std::string> problems;  // why a log cannot be used, or is suspect;
+                                        // then nothing else is set
+    Search search;
+    bool turning = false;  // the turning equation was used
+    double duration_s = 0, rate_Hz = 0;
+    std::size_t blocks = 0;
+    WheelPair<double> noise_rad_per_s;
+    std::optional<std::array<double, 3>> gyro;  // bias, gyro per wheel yaw rate, its standard error
+    std::vector<FreeRun> heldout;
+    double heldout_s = 0, heldout_from_s = 0, floor_rad_per_s = 0, heldout_rms_rad_per_s = 0;
+    std::optional<double> gap_nominal;  // mean squared whitened residual of the given model
+    model::Dynamics<double> before, after, after_error;
+    model::EffectSet<double> effects_before, effects_after;
+    Curve against_speed;
+    Trace trace;
+};
+
+Findings analyse(const Request& request);
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,61 @@
+// Fits of K5..K8 and effects on the blocks' products (gap_rows.hpp):
+// Gauss-Newton in the parameters
+//   K5, K6, K7, K8, amounts p_1 ... p_m,
+// with the coefficients  product: K5 | K6,  torque: K7 | K8,  column j of
+// amount i: K7 p_i | K8 p_i. A fit costs a few thousand operations, whatever
+// the log's length.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+#include <vector>
+
+#include "tools/gap/gap_rows.hpp"
+
+namespace wheelwright::gap {
+
+// Columns that share one amount. Several columns: they are equal (left and
+// right).
+struct Amount {
+    std::vector<int> columns;
+    bool operator==(const Amount&) const = default;
+};
+
+struct ModelShape {
+    std::vector<Amount> amounts;
+    bool turning = true;  // false: the turning equation is left out
+};
+
+using Blocks = std::vector<const Block*>;
+
+struct Fit {
+    ModelShape shape;
+    Eigen::VectorXd value;       // K5, K6, K7, K8, amounts
+    Eigen::MatrixXd covariance;  // of blocks: robust against what the noise model leaves out
+    double squares = 0;          // of the whitened residual, over the blocks it was fitted to
+    double rows = 0;
+
+    double error(Eigen::Index i) const { return std::sqrt(std::max(0.0, covariance(i, i))); }
+};
+
+Fit fit(const Blocks& blocks, const ModelShape& shape);
+
+// Sum of the squared whitened residual on other blocks.
+double squares(const Blocks& blocks, const Fit& fit);
+double squares(const Block& block, const Fit& fit);
+double row_count(const Blocks& blocks, const ModelShape& shape);
+
+// What the torque alone does, in the same measure: to give shares.
+double torque_squares(const Blocks& blocks, const Fit& fit);
+
+// Squared whitened residual, cross-validated over the blocks, of free
+// coefficients for `columns` beside the base in each equation: what could be
+// reached at best.
+double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& columns);
+
+// Share of what column `wanted` adds to the model that the model's other
+// columns with `rival` can stand for.
+double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>& wanted,
+                const std::vector<Amount>& rival);
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,360 @@
+#include "tools/gap/gap_output.hpp"
+
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "firmware/task/robot_file.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/report/page.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+using Json = nlohmann::ordered_json;
+using tools::number_text;
+
+std::string name_of(std::size_t effect) { return std::string(model::kEffects[effect].name); }
+
+Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
+
+struct KFigure {
+    const char* key;
+    const char* unit;
+    double value, error, nominal;
+};
+std::array<KFigure, 4> k_figures(const Findings& f, const Request& request) {
+    model::Dynamics<double> n;
+    if (request.robot) n = request.robot->dynamics;
+    return {
+        {{"k5_m", "m", f.after.k5_m, f.after_error.k5_m, n.k5_m},
+         {"k6_per_m", "1/m", f.after.k6_per_m, f.after_error.k6_per_m, n.k6_per_m},
+         {"k7_per_kg_m", "1/(kg m)", f.after.k7_per_kg_m, f.after_error.k7_per_kg_m, n.k7_per_kg_m},
+         {"k8_per_kg_m2", "1/(kg m^2)", f.after.k8_per_kg_m2, f.after_error.k8_per_kg_m2, n.k8_per_kg_m2}}};
+}
+bool is_unknowable(const Findings& f, const char* key) {
+    for (const std::string& name : f.search.unknowable) {
+        if (std::string(key).substr(1, 1) == name.substr(1)) return true;
+    }
+    return false;
+}
+
+}  // namespace
+
+std::string words(const Findings& f) {
+    const Search& s = f.search;
+    std::string text;
+    const auto line = [&](const std::string& l) { text += l + "\n"; };
+    line(std::string("Verdict: ") + verdict_name(s.verdict) + ": " + s.reason + ".");
+    for (const NamedEffect& e : s.effects) {
+        const model::EffectInfo& info = model::kEffects[e.effect];
+        line("");
+        line(std::string(info.name) + ": " + std::string(info.meaning));
+        line("  closes " + number_text(100 * e.closes, 3) + " % of the closable gap; its torque is " +
+             number_text(100 * e.torque_share, 3) + " % of the torque");
+        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
+            const ParameterEstimate& p = e.parameters[j];
+            line("  " + std::string(info.parameters[j].name) + " = " + number_text(p.value, 4) + " +- " +
+                 number_text(p.standard_error, 2) + " (95 %: " + number_text(p.interval_95[0], 4) + " .. " +
+                 number_text(p.interval_95[1], 4) + ")");
+        }
+        for (const Rival& r : e.rivals) {
+            line("  rival: " + name_of(r.effect) +
+                 (r.alike ? ", the same in every motion of this log" : ", not ruled out") +
+                 "; told apart by: " + r.separated_by);
+        }
+    }
+    if (!s.where.empty()) {
+        line("");
+        line(
+            "Where simulation and measurement part (share of the closable gap "
+            "that depends on it):");
+        for (const Place& p : s.where) line("  " + p.name + ": " + number_text(100 * p.explains, 3) + " %");
+    }
+    if (!s.unknowable.empty()) {
+        std::string all;
+        for (const std::string& n : s.unknowable) all += (all.empty() ? "" : ", ") + n;
+        line("This log cannot show: " + all);
+    }
+    if (!f.heldout.empty()) {
+        line("");
+        line("Free run on " + number_text(f.heldout_s, 3) + " s held out, wheel speed error in rad/s RMS:");
+        for (const FreeRun& r : f.heldout) {
+            line("  " + (r.window_s > 0 ? number_text(r.window_s, 3) + " s" : std::string("all")) + ": " +
+                 (r.nominal ? "given model " + number_text(*r.nominal, 3) + ", " : std::string()) +
+                 "before " + number_text(r.before, 3) + ", after " + number_text(r.after, 3) + ", noise " +
+                 number_text(f.floor_rad_per_s, 3));
+        }
+    }
+    return text;
+}
+
+std::string json(const Findings& f, const Request& request) {
+    const Search& s = f.search;
+    Json out;
+    out["format"] = "wheelwright gap 1";
+    if (!f.problems.empty()) {
+        out["verdict"] = verdict_name(Verdict::unusable_log);
+        out["problems"] = f.problems;
+        out["effects"] = Json::array();
+        return out.dump(2) + "\n";
+    }
+    out["verdict"] = verdict_name(s.verdict);
+    out["reason"] = s.reason;
+    out["effects"] = Json::array();
+    Json advice = Json::array();
+    for (const NamedEffect& e : s.effects) {
+        const model::EffectInfo& info = model::kEffects[e.effect];
+        Json effect;
+        effect["name"] = info.name;
+        effect["parameters"] = Json::array();
+        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
+            const ParameterEstimate& p = e.parameters[j];
+            effect["parameters"].push_back(
+                {{"name", info.parameters[j].name},
+                 {"value", number(p.value)},
+                 {"standard_error", number(p.standard_error)},
+                 {"interval_95", {number(p.interval_95[0]), number(p.interval_95[1])}},
+                 {"unit", info.parameters[j].unit}});
+        }
+        effect["closes"] = number(e.closes);
+        effect["torque_share"] = number(e.torque_share);
+        effect["probability"] = number(e.probability);
+        effect["rivals"] = Json::array();
+        for (const Rival& r : e.rivals) {
+            effect["rivals"].push_back({{"name", name_of(r.effect)},
+                                        {"same_in_this_log", r.alike},
+                                        {"keeps", number(r.keeps)},
+                                        {"separated_by", r.separated_by}});
+            advice.push_back({{"tell", info.name}, {"from", name_of(r.effect)}, {"motion", r.separated_by}});
+        }
+        out["effects"].push_back(effect);
+    }
+    Json shift = Json::object();
+    for (const KFigure& k : k_figures(f, request)) {
+        if (is_unknowable(f, k.key)) continue;
+        Json one{{"value", number(k.value)},
+                 {"standard_error", number(k.error)},
+                 {"interval_95", {number(k.value - 2 * k.error), number(k.value + 2 * k.error)}},
+                 {"unit", k.unit}};
+        if (request.robot) {
+            one["given"] = number(k.nominal);
+            one["shift"] = number(k.value - k.nominal);
+        }
+        shift[k.key] = one;
+    }
+    out["parameter_shift"] = shift;
+    out["unknowable"] = s.unknowable;
+    out["where"] = Json::array();
+    for (const Place& p : s.where)
+        out["where"].push_back({{"place", p.name}, {"explains", number(p.explains)}});
+    out["detectable"] = Json::object();
+    for (const Detectable& d : s.detectable) {
+        const model::EffectInfo& info = model::kEffects[d.effect];
+        Json one = Json::object();
+        for (std::size_t j = 0; j < std::min(d.size.size(), info.parameters.size()); ++j) {
+            one[std::string(info.parameters[j].name)] = number(d.size[j]);
+        }
+        out["detectable"][std::string(info.name)] = one;
+    }
+    out["advice"] = advice;
+    Json gap;
+    gap["nominal"] = f.gap_nominal ? number(*f.gap_nominal) : Json(nullptr);
+    gap["refit"] = number(s.gap_refit);
+    gap["after"] = number(s.gap_after);
+    gap["floor"] = number(s.floor);
+    gap["closable_torque_share"] = number(s.closable_torque_share);
+    gap["left_torque_share"] = number(s.left_torque_share);
+    Json heldout;
+    heldout["from_s"] = number(f.heldout_from_s);
+    heldout["duration_s"] = number(f.heldout_s);
+    heldout["signal_rms_rad_s"] = number(f.heldout_rms_rad_per_s);
+    heldout["windows"] = Json::array();
+    for (const FreeRun& r : f.heldout) {
+        Json one{{"nominal", r.nominal ? number(*r.nominal) : Json(nullptr)},
+                 {"before", number(r.before)},
+                 {"after", number(r.after)},
+                 {"floor", number(f.floor_rad_per_s)}};
+        if (r.window_s == 0) {
+            heldout["wheel_speed_rms_rad_s"] = one;
+        } else {
+            one["window_s"] = r.window_s;
+            one["windows"] = r.windows;
+            heldout["windows"].push_back(one);
+        }
+    }
+    gap["heldout"] = heldout;
+    out["gap"] = gap;
+    out["heldout"] = heldout;
+    out["closable_share"] = number(s.closable_share);
+    Json log;
+    log["files"] = request.logs;
+    log["duration_s"] = number(f.duration_s);
+    log["rate_Hz"] = number(f.rate_Hz);
+    log["blocks"] = f.blocks;
+    log["turning_used"] = f.turning;
+    log["wheel_speed_noise_rad_s"] = {number(f.noise_rad_per_s.left), number(f.noise_rad_per_s.right)};
+    log["torque_acts_late_samples"] = {number(s.timing_samples), number(s.timing_error)};
+    if (f.gyro) {
+        log["gyro"] = {{"bias_rad_per_s", number((*f.gyro)[0])},
+                       {"per_wheel_yaw_rate", number((*f.gyro)[1])},
+                       {"standard_error", number((*f.gyro)[2])}};
+    }
+    out["log"] = log;
+    return out.dump(2) + "\n";
+}
+
+std::string write_robot(const Findings& f, const Request& request, const std::string& model_path,
+                        const std::string& path) {
+    std::error_code failed;
+    std::filesystem::remove(path, failed);
+    std::ofstream file(path);
+    if (model_path.empty()) {
+        const model::Geometry<double>& g = request.geometry;
+        file << "[geometry]\nwheel_radius_m = { left = " << number_text(g.wheel_radius_m.left, 9)
+             << ", right = " << number_text(g.wheel_radius_m.right, 9)
+             << " }\ntrack_m = " << number_text(g.track_m, 9) << "\n";
+    } else {
+        std::ifstream given(model_path);
+        file << given.rdbuf();
+    }
+    file.close();
+    if (!file) return path + " cannot be written";
+    std::string names;
+    for (const std::string& log : request.logs) {
+        names += (names.empty() ? "" : ", ") + std::filesystem::path(log).filename().string();
+    }
+    std::vector<task::FileChange> changes;
+    for (const KFigure& k : k_figures(f, request)) {
+        if (is_unknowable(f, k.key)) continue;
+        const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
+        if (info == nullptr || k.value < info->minimum || k.value > info->maximum) continue;
+        changes.push_back({"dynamics." + std::string(k.key), k.value});
+        changes.push_back({"dynamics_standard_error." + std::string(k.key), k.error});
+    }
+    changes.push_back({"dynamics.log", names});
+    for (const NamedEffect& e : f.search.effects) {
+        const model::EffectInfo& info = model::kEffects[e.effect];
+        const std::string table = "effects." + name_of(e.effect) + ".";
+        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
+            changes.push_back({table + std::string(info.parameters[j].name), e.parameters[j].value});
+            changes.push_back({table + std::string(info.parameters[j].name) + "_standard_error",
+                               e.parameters[j].standard_error});
+        }
+        changes.push_back({table + "log", names});
+    }
+    return task::save_robot_file(path, changes);
+}
+
+void write_page(const Findings& f, const Request& request, const std::string& path) {
+    const Search& s = f.search;
+    report::Page page("Model gap: " + std::string(verdict_name(s.verdict)), s.reason + ".");
+    std::vector<report::KeyFigure> figures;
+    for (const NamedEffect& e : s.effects) {
+        figures.push_back(
+            {name_of(e.effect), number_text(100 * e.closes, 3) + " %", "of the closable gap closed"});
+    }
+    if (!f.heldout.empty()) {
+        const FreeRun& all = f.heldout.back();
+        figures.push_back(
+            {"free run, before", number_text(all.before, 3) + " rad/s", "on data that it had not seen"});
+        figures.push_back(
+            {"free run, after", number_text(all.after, 3) + " rad/s", "on data that it had not seen"});
+    }
+    page.figures(figures);
+    report::Section& where = page.section("Where they part");
+    where.text(
+        "The torque that the model lacks, against the mean wheel speed. A "
+        "model without a gap lies on zero.");
+    where.chart({.title = "Missing torque",
+                 .x = {"mean wheel speed / (rad/s)"},
+                 .y = {"torque per wheel / Nm"},
+                 .series = {{"before", f.against_speed.x, f.against_speed.before},
+                            {"after", f.against_speed.x, f.against_speed.after}},
+                 .levels = {{"no gap", 0}},
+                 .caption = "Before: K5..K8 fitted alone. After: with the effects named above.",
+                 .summary = "Missing torque against wheel speed, before and after, in " +
+                            std::to_string(f.against_speed.x.size()) + " bins."});
+    if (!s.where.empty()) {
+        report::Table table{
+            "Share of the closable gap that depends on it", {{"place"}, {"share / %", true}}, {}};
+        for (const Place& p : s.where) table.rows.push_back({p.name, number_text(100 * p.explains, 3)});
+        where.table(table);
+    }
+    report::Section& effects = page.section("What is missing");
+    if (s.effects.empty()) effects.text("No effect of the catalogue is named: " + s.reason + ".");
+    for (const NamedEffect& e : s.effects) {
+        const model::EffectInfo& info = model::kEffects[e.effect];
+        effects.text("`" + std::string(info.name) + "`: " + std::string(info.meaning) +
+                     ". Source of the equation: " + std::string(info.source) + ".");
+        report::Table table{
+            "Parameters of " + std::string(info.name),
+            {{"parameter"}, {"value", true}, {"standard error", true}, {"95 % interval", true}},
+            {}};
+        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
+            const ParameterEstimate& p = e.parameters[j];
+            table.rows.push_back(
+                {std::string(info.parameters[j].name), number_text(p.value, 4),
+                 number_text(p.standard_error, 2),
+                 number_text(p.interval_95[0], 4) + " .. " + number_text(p.interval_95[1], 4)});
+        }
+        effects.table(table);
+        for (const Rival& r : e.rivals) {
+            effects.note(report::Tone::plain,
+                         name_of(r.effect) +
+                             (r.alike ? " does the same in every motion of this log" : " is not ruled out") +
+                             ". What would tell: " + r.separated_by + ".");
+        }
+    }
+    if (!f.heldout.empty()) {
+        report::Section& run = page.section("On data it had not seen");
+        run.text(
+            "The simulated robot runs freely over the measured torque, from "
+            "the first measured speeds.");
+        report::Table table{"Wheel speed error, rad/s RMS",
+                            {{"over"}, {"before", true}, {"after", true}, {"noise", true}},
+                            {}};
+        for (const FreeRun& r : f.heldout) {
+            table.rows.push_back({r.window_s > 0 ? number_text(r.window_s, 3) + " s" : "all",
+                                  number_text(r.before, 3), number_text(r.after, 3),
+                                  number_text(f.floor_rad_per_s, 3)});
+        }
+        run.table(table);
+        run.chart(
+            {.title = "Left wheel",
+             .x = {"time / s"},
+             .y = {"wheel speed / (rad/s)"},
+             .series = {{"before", f.trace.t_s, f.trace.before},
+                        {"after", f.trace.t_s, f.trace.after},
+                        {.name = "measured", .x = f.trace.t_s, .y = f.trace.measured, .reference = true}},
+             .caption = "The first ten seconds of the part held out.",
+             .summary = "Speed of the left wheel, measured and simulated "
+                        "before and after."});
+    }
+    report::Section& unknown = page.section("What this log could not have shown");
+    report::Table table{
+        "Smallest size that would have been named", {{"effect"}, {"parameter"}, {"size", true}}, {}};
+    for (const Detectable& d : s.detectable) {
+        const model::EffectInfo& info = model::kEffects[d.effect];
+        for (std::size_t j = 0; j < std::min(d.size.size(), info.parameters.size()); ++j) {
+            table.rows.push_back(
+                {std::string(info.name), std::string(info.parameters[j].name),
+                 std::isfinite(d.size[j]) ? number_text(d.size[j], 2) : std::string("not in this log")});
+        }
+    }
+    unknown.table(table);
+    if (!s.unknowable.empty()) {
+        std::string all;
+        for (const std::string& n : s.unknowable) all += (all.empty() ? "" : ", ") + n;
+        unknown.text("Not to be known from this log: " + all + ".");
+    }
+    std::string names;
+    for (const std::string& log : request.logs) {
+        names += " " + std::filesystem::path(log).filename().string();
+    }
+    page.footer("wheelwright gap" + names);
+    page.write(path);
+}
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,109 @@
+// From measured logs to sums of squares and products, block by block:
+// everything that the search for a missing effect works on afterwards.
+//
+// Over one sample interval of length dt a speed changes by exactly dt times the
+// mean of its acceleration, so with s_n = sin(k pi (n + 1/2) / N) over a block
+// of N intervals, k = 1, 2, ...
+//     sum_n s_n (v_{n+1} - v_n)  =  dt sum_n s_n mean_n( K5 omega^2 + K7 (tau_R
+//     + tau_L) + ... )
+// without a derivative being taken. White noise of variance sigma^2 in the
+// speeds gives the left side the variance 2 N sin^2(k pi / 2N) sigma^2 and
+// makes the rows for different k uncorrelated (the left side is a cosine
+// transform), so dividing by its root makes the rows white. Torque is held from
+// each sample to the next.
+//
+// Columns are accelerations over K7 in the linear equation and over K8 in the
+// turning one: a torque's sum and difference. One effect is one group of
+// columns with the same coefficients in both.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstddef>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+#include "tools/logs/measured_csv.hpp"
+
+namespace wheelwright::gap {
+
+// Columns that every model has.
+enum BaseColumn : int { kProduct, kTorque, kTiming, kFirstEffect };
+enum Equation : std::size_t { kLinear, kTurning, kEquations };
+
+struct ColumnName {
+    std::size_t effect = 0;   // index into model::kEffects, or model::kEffectCount
+    unsigned coordinate = 0;  // of the effect
+    std::string_view place;   // of a column that stands for no effect: where it would show
+};
+
+// The columns in their order: base, every coordinate of every effect of the
+// catalogue, and a rich set of smooth functions of motion and torque, with
+// which the reachable floor and the places are found.
+std::span<const ColumnName> columns();
+// The columns of one effect: first and one past the last.
+std::pair<int, int> columns_of(std::size_t effect);
+std::pair<int, int> rich_columns();
+
+struct Block {
+    std::size_t log = 0;
+    double start_s = 0, end_s = 0;
+    std::array<int, kEquations> rows{};
+    double first_Hz = 0;                          // frequency of the first row; the others are its multiples
+    std::array<Eigen::MatrixXd, kEquations> row;  // [columns | y], white where only the sensor is noisy
+    std::array<Eigen::MatrixXd, kEquations> product;  // of the rows, weighted
+};
+
+// Power of what no model explains over that of the sensor's noise, by
+// frequency: torque that is noisy itself, or a body that is not quite what the
+// equations say, shows at low ones. Bins of a third of a decade and less.
+struct Colour {
+    static constexpr std::size_t kBins = 10;
+    double lowest_Hz = 0.25, ratio = 1.6;
+    std::array<std::array<double, kBins>, kEquations> power{};  // 0: no row there
+
+    std::size_t bin(double frequency_Hz) const;
+};
+
+struct BlockOptions {
+    model::Geometry<double> geometry;
+    model::Dynamics<double> dynamics;  // for effects whose columns depend on it; refined by the caller
+    double block_s = 2;
+    double highest_Hz = 25;
+    WheelPair<double> noise_rad_per_s;
+    double speed_rms_rad_per_s = 0;  // of the wheels, over the whole experiment
+};
+
+struct BlockSet {
+    std::vector<Block> blocks;
+    Eigen::MatrixXd wheel_power;  // mean over all samples of column_i . column_j,
+                                  // as wheel torques, both wheels
+    double torque_rms_Nm = 0;     // of both wheels together
+    double left_out_s = 0;        // where one wheel stands and the other turns
+};
+
+// Standard deviation of white noise on each wheel's speed, from higher
+// differences: what no smooth motion makes.
+WheelPair<double> speed_noise(std::span<const tools::MeasuredLog> logs);
+
+// The part of a log: samples from `first` to before `end`.
+struct LogPart {
+    const tools::MeasuredLog* log = nullptr;
+    std::size_t index = 0;
+    std::size_t first = 0, end = 0;
+    double initial_heading_rad = 0;
+};
+
+// The colour of the rest that all columns together leave.
+Colour colour_of_rest(const BlockSet& set);
+
+// The products anew, each row over the root of the colour's power.
+void weigh(BlockSet& set, const Colour& colour);
+
+BlockSet make_blocks(std::span<const LogPart> parts, const BlockOptions& options);
+
+}  // namespace wheelwright::gap

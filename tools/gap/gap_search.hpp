@@ -1,0 +1,91 @@
+// The search: which effects of the catalogue, if any, explain where measurement
+// and model part. docs/gap.md says how; the thresholds are here and nowhere
+// else.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/model/effects.hpp"
+#include "tools/gap/gap_fit.hpp"
+
+namespace wheelwright::gap {
+
+// Thresholds. Shares are of 1.
+inline constexpr double kSignificance = 0.01;         // of each test, after Holm over the catalogue
+inline constexpr double kLeastShareOfClosable = 0.2;  // of the closable gap that is left
+inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torque over RMS of the torque
+inline constexpr double kSmallGap = 0.015;            // closable gap as a share of what torque does
+inline constexpr double kLargeGap = 0.03;             // left over: unexplained
+inline constexpr double kAlike = 0.999;  // likeness in this log above which no log like it separates
+inline constexpr double kTied = 0.05;    // share of its gain that a rival may lose and still be tied
+inline constexpr std::size_t kMostEffects = 4;
+
+enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
+const char* verdict_name(Verdict verdict);
+
+struct ParameterEstimate {
+    double value = 0, standard_error = 0;
+    std::array<double, 2> interval_95{};
+    bool known = true;
+};
+
+struct Rival {
+    std::size_t effect = 0;
+    bool alike = false;  // no motion in this log tells them apart
+    double keeps = 0;    // share of the gain that it keeps in the winner's place
+    std::string separated_by;
+};
+
+struct NamedEffect {
+    std::size_t effect = 0;
+    std::vector<ParameterEstimate> parameters;  // the catalogue's
+    double closes = 0;                          // share of the closable gap
+    double torque_share = 0;                    // RMS of its torque over RMS of the commanded
+    double probability = 1;                     // that nothing is there, by the held-out blocks
+    std::vector<Rival> rivals;
+};
+
+struct Place {
+    std::string name;
+    double explains = 0;  // share of the closable gap
+};
+
+struct Detectable {
+    std::size_t effect = 0;
+    std::vector<double> size;  // by parameter, or by coordinate where those
+                               // differ; infinite: not in this log
+};
+
+struct SearchOptions {
+    model::EffectSet<double> base;  // effects that the model has already; refitted
+    bool turning = true;
+};
+
+struct Search {
+    Verdict verdict = Verdict::unexplained;
+    std::string reason;  // of the verdict, one sentence
+    std::vector<NamedEffect> effects;
+    std::vector<std::string> unknowable;
+    std::vector<Place> where;
+    std::vector<Detectable> detectable;
+    Fit base;   // without the named effects
+    Fit after;  // with them
+    double gap_refit = 0, floor = 0,
+           gap_after = 0;  // mean squared whitened residual
+    double closable_torque_share = 0, left_torque_share = 0;
+    double closable_share = 0;                    // of the closable gap, closed, on blocks that took no part
+    double timing_samples = 0, timing_error = 0;  // torque acts later than logged
+};
+
+// `train` selects and confirms, `report` (may be empty) only tells how it
+// turned out.
+Search search(const BlockSet& train, const std::vector<Block>& report, const SearchOptions& options);
+
+// The effects of a fit as an EffectSet, base effects included.
+model::EffectSet<double> effects_of(const Fit& fit);
+
+}  // namespace wheelwright::gap
