@@ -51,7 +51,7 @@ template <typename Effect>
 inline constexpr std::size_t kCoordinates = [] {
     if constexpr (HasOwnCoordinates<Effect>) {
         return Effect::coordinate_count;
-    } else {
+    } else {  // NOLINT(readability-misleading-indentation): clang-tidy 16 misreads "if constexpr"
         return HasColumns<Effect> ? Effect::parameters.size() : 0;
     }
 }();
