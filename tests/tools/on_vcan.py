@@ -157,9 +157,9 @@ class OnVcan(unittest.TestCase):
 
     def test_ctrl_c_ends_repetition(self):
         process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "torque", "0", "0"])
-        time.sleep(0.5)
+        self.firmware.of("TorqueCommand", 3)
         process.send_signal(signal.SIGINT)
-        self.assertEqual(process.wait(2), 0)
+        self.assertEqual(process.wait(10), 0)
 
     def test_parameters_are_read_written_and_saved(self):
         self.assertEqual(run("ctl", "--can", "vcan0", "param", "set", "limits.torque_Nm", "4.3")[1],
@@ -182,10 +182,10 @@ class OnVcan(unittest.TestCase):
             candump = subprocess.Popen(["candump", "-L", "vcan0"], stdout=subprocess.PIPE, text=True)
             record = subprocess.Popen([PROGRAM, "record", "--can", "vcan0", "--out", path],
                                       stderr=subprocess.PIPE, text=True)
-            time.sleep(0.5)
+            time.sleep(2)
             for frame in ("123#R", "00012345#1122", "7FF#0011223344556677", "100#"):
                 subprocess.run(["cansend", "vcan0", frame], check=True)
-            time.sleep(0.5)
+            time.sleep(2)
             record.send_signal(signal.SIGINT)
             self.assertEqual(record.wait(5), 0)
             self.assertRegex(record.stderr.read(), r"^\d+ frames in \d\.\d s\n$")
