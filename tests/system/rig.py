@@ -16,6 +16,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import tomllib
 import unittest
@@ -45,6 +46,7 @@ WIDENED = {
 REST = "900"  # us: the simulated robot looks at the bus no more often
 # What of it a drive shares with the firmware: so for the simulated one.
 PLANT = {key: {**CALM, **WIDENED}[key] for key in ("drive.encoder_period_ms", "drive.watchdog_timeout_s")}
+STOOD_STILL_S = 0.3  # a run on a machine that stood still for so long in all says nothing about the firmware
 LONG = 20  # s: how long a condition is waited for that ought to hold within a second
 
 NEEDED = {"candump": "can-utils", "cansend": "can-utils", "canplayer": "can-utils", "ip": "iproute2",
@@ -553,5 +555,35 @@ def realtime(priority):
     return ["chrt", "-f", str(priority)] if may_be_realtime() else []
 
 
+class LostTime(threading.Thread):
+    """How long the machine stood still: a sleep of 5 ms that takes more than 50 ms counts."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.seconds = 0.0
+
+    def run(self):
+        while True:
+            before = time.monotonic()
+            time.sleep(0.005)
+            slept = time.monotonic() - before
+            if slept > 0.05:
+                self.seconds += slept
+
+
 def main():
-    unittest.main(argv=[sys.argv[0], "-v", *sys.argv[1:]], verbosity=2)
+    """Runs the cases. Where some fail on a machine that stood still meanwhile, it is the machine that was judged: their
+    classes are run once more, and that decides. It is printed."""
+    lost = LostTime()
+    lost.start()
+    names = sys.argv[1:]
+    for attempt in (1, 2):
+        before = lost.seconds
+        result = unittest.main(argv=[sys.argv[0], "-v", *names], verbosity=2, exit=False).result
+        stood_s = lost.seconds - before
+        print(f"the machine stood still for {stood_s:.2f} s of the run")
+        failed = {type(test).__name__ for test, _ in result.failures + result.errors}
+        if result.wasSuccessful() or stood_s < STOOD_STILL_S or attempt == 2:
+            sys.exit(0 if result.wasSuccessful() else 1)
+        names = sorted(failed - {"_ErrorHolder"})  # none left: all
+        print(f"once more: {', '.join(names)}", flush=True)
