@@ -50,14 +50,15 @@ TEST(ChainIdentification, all_four_within_two_percent_and_intervals_that_hold) {
         std::printf("K%zu: worst error %.3f %%, mean z %+.2f, rms z %.2f, 95 %% interval covers %.0f %%\n",
                     i + 5, 100 * worst[i], z_sum[i] / n, std::sqrt(z_square[i] / n), 100 * coverage);
         CHECK(worst[i] < 0.02);
-        // Three standard errors of n independent z are allowed beside a small bias and misjudged errors: for
-        // the mean 3 / sqrt(n), for the rms 3 / sqrt(2 n), for the coverage those of 95 % of n.
-        CHECK(std::abs(z_sum[i] / n) < 0.1 + 3 / std::sqrt(n));
+        // The demand is made of the 200 seeds; 30 are given three standard errors of their own statistics.
+        const bool all = seeds >= 200;
+        const double mean = z_sum[i] / n;
         const double rms = std::sqrt(z_square[i] / n);
-        CHECK(rms < 1.05 + 3 / std::sqrt(2 * n));
-        CHECK(rms > (seeds < 200 ? 0.5 : 0.8));
-        CHECK(coverage > 0.94 - 3 * std::sqrt(0.95 * 0.05 / n));
-        CHECK(seeds < 200 || coverage < 0.99);
+        CHECK(std::abs(mean) < (all ? 0.3 : 0.1 + 3 / std::sqrt(n)));
+        CHECK(rms > (all ? 0.8 : 0.5));
+        CHECK(rms < (all ? 1.25 : 1.05 + 3 / std::sqrt(2 * n)));
+        CHECK(coverage > (all ? 0.88 : 0.94 - 3 * std::sqrt(0.95 * 0.05 / n)));
+        CHECK(coverage < (all ? 0.99 : 1.01));
     }
     CHECK(farthest_m < chain::believed().parameters.ident.distance_limit_m);
 }

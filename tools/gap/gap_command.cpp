@@ -7,17 +7,16 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/command.hpp"
-#include "tools/cli/number_checks.hpp"
+#include "tools/cli/geometry_options.hpp"
 #include "tools/gap/gap_output.hpp"
 
 namespace wheelwright::tools {
 namespace {
 
 struct Options {
+    GeometryOptions geometry;
     std::vector<std::string> logs;
-    std::vector<double> wheel_radius_m;
     std::string model, heldout, out;
-    double track_m = 0;
     double heldout_from_s = -1;
 };
 
@@ -43,15 +42,7 @@ int gap(const Options& options) {
         request.robot = result.robot->parameters;
         request.geometry = result.robot->parameters.geometry;
     }
-    if (!options.wheel_radius_m.empty()) {
-        request.geometry.wheel_radius_m = {options.wheel_radius_m.front(), options.wheel_radius_m.back()};
-    }
-    if (options.track_m > 0) request.geometry.track_m = options.track_m;
-    if (options.model.empty() && (options.wheel_radius_m.empty() || options.track_m == 0)) {
-        return usage(
-            "the geometry is missing: give --model ROBOT.toml, or "
-            "--wheel-radius and --track in metres");
-    }
+    if (!options.geometry.apply(request.geometry, !options.model.empty())) return usage(kGeometryMissing);
     std::error_code failed;
     std::filesystem::create_directories(options.out, failed);
     if (!std::filesystem::is_directory(options.out))
@@ -93,13 +84,7 @@ void add_gap(CLI::App& program, Run& run) {
         "Exit status 0: there is a verdict; 2: a log cannot be used.");
     command->add_option("LOG", options->logs, "Logs")->required();
     command->add_option("--model", options->model, "Robot file: geometry, K5..K8 and effects as believed");
-    command
-        ->add_option("--wheel-radius", options->wheel_radius_m,
-                     "Radius in metres; two numbers: left and right")
-        ->expected(1, 2)
-        ->check(greater_than_zero());
-    command->add_option("--track", options->track_m, "Distance between the wheels in metres")
-        ->check(greater_than_zero());
+    options->geometry.add_to(*command);
     command->add_option("--heldout", options->heldout, "A log that is not learned from, but judged on");
     command->add_option("--heldout-from", options->heldout_from_s,
                         "The last log's part from this time on, in seconds");

@@ -8,6 +8,7 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/geometry_options.hpp"
 #include "tools/cli/number_checks.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ident/findings.hpp"
@@ -18,8 +19,7 @@ namespace {
 struct Options {
     std::vector<std::string> logs;
     std::string model, write, json;
-    std::vector<double> wheel_radius_m;
-    double track_m = 0;
+    GeometryOptions geometry;
     std::vector<std::string> effects;
     double relative_standard_error = 0;
 };
@@ -234,14 +234,7 @@ int ident(const Options& options) {
         setup.robot = robot->parameters;
     }
     auto& geometry = setup.robot.geometry;
-    if (!options.wheel_radius_m.empty()) {
-        geometry.wheel_radius_m = {options.wheel_radius_m.front(), options.wheel_radius_m.back()};
-    }
-    if (options.track_m > 0) geometry.track_m = options.track_m;
-    if (model_path.empty() && (options.wheel_radius_m.empty() || options.track_m == 0)) {
-        return usage(
-            "the geometry is missing: give --model ROBOT.toml, or --wheel-radius and --track in metres");
-    }
+    if (!options.geometry.apply(geometry, !model_path.empty())) return usage(kGeometryMissing);
     if (const std::string wrong = choose_effects(options, setup); !wrong.empty()) return usage(wrong);
     setup.relative_standard_error = options.relative_standard_error > 0
                                         ? options.relative_standard_error
@@ -309,13 +302,7 @@ void add_ident(CLI::App& program, Run& run) {
         "well enough.");
     command->add_option("LOG", options->logs, "Logs, all of one form")->required();
     command->add_option("--model", options->model, "Robot file: geometry, drives, effects");
-    command
-        ->add_option("--wheel-radius", options->wheel_radius_m,
-                     "Radius in metres; two numbers: left and right")
-        ->expected(1, 2)
-        ->check(greater_than_zero());
-    command->add_option("--track", options->track_m, "Distance between the wheels in metres")
-        ->check(greater_than_zero());
+    options->geometry.add_to(*command);
     command
         ->add_option("--effects", options->effects,
                      "Effects to look for, by name, with commas; none (default: the robot file's)")

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "tests/support/seeds.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tests/tools/ident/temporary_file.hpp"
 #include "tools/gap/gap_analysis.hpp"
@@ -54,8 +55,9 @@ TEST_GROUP(GapSearch){};
 TEST(GapSearch, names_each_effect_of_medium_size) {
     int right = 0, all = 0, extra = 0;
     for (const HiddenEffect& effect : medium()) {
-        for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-            const HiddenLog hidden = test::hidden_log(effect, seed, 0.01, kDuration_s, kRate_Hz);
+        for (int seed = 1; seed <= test::seeds(3); ++seed) {
+            const HiddenLog hidden =
+                test::hidden_log(effect, static_cast<std::uint64_t>(seed), 0.01, kDuration_s, kRate_Hz);
             const gap::Findings f = analyse(hidden);
             const std::string names = names_of(f);
             const bool exact = f.search.verdict == gap::Verdict::named && f.search.effects.size() == 1 &&
@@ -63,7 +65,7 @@ TEST(GapSearch, names_each_effect_of_medium_size) {
             right += exact;
             extra += f.search.effects.size() > 1;
             ++all;
-            std::printf("%-22s seed %d: %s:%s", effect.name.c_str(), int(seed),
+            std::printf("%-22s seed %d: %s:%s", effect.name.c_str(), seed,
                         gap::verdict_name(f.search.verdict), names.c_str());
             for (const auto& e : f.search.effects) {
                 for (const auto& p : e.parameters) std::printf("  %.4g+-%.2g", p.value, p.standard_error);
@@ -88,7 +90,7 @@ TEST(GapSearch, names_each_effect_of_medium_size) {
 TEST(GapSearch, names_nothing_where_nothing_is_hidden) {
     int alarms = 0;
     int unexplained = 0;
-    constexpr int kLogs = 30;
+    constexpr int kLogs = test::seeds(30);
     for (std::uint64_t seed = 101; seed < 101 + kLogs; ++seed) {
         const double noise = seed % 3 == 0 ? 0.002 : seed % 3 == 1 ? 0.01 : 0.05;
         const gap::Findings f = analyse(test::hidden_log({}, seed, noise, kDuration_s, kRate_Hz));
