@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <limits>
 
 #include "sim_hal/plant.hpp"
+#include "tools/gap/motions.hpp"
+#include "tools/ident/drive_samples.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -101,14 +104,11 @@ class Analysis {
         std::vector<std::string> paths = request_.logs;
         if (!request_.heldout_log.empty()) paths.push_back(request_.heldout_log);
         for (const std::string& path : paths) {
-            tools::MeasuredLogResult result = tools::read_measured_csv(path);
-            if (!result.log) {
-                for (const tools::LineProblem& p : result.problems) {
-                    problem(path + ":" + std::to_string(p.line) + ": " + p.message);
-                }
-                continue;
-            }
-            logs_.push_back(std::move(*result.log));
+            tools::SampledLog read = tools::read_sampled_log(path, request_.robot);
+            for (const std::string& text : read.problems) problem(text);
+            findings_.notes.insert(findings_.notes.end(), read.notes.begin(), read.notes.end());
+            last_file_ = logs_.size();
+            std::move(read.logs.begin(), read.logs.end(), std::back_inserter(logs_));
         }
     }
 
@@ -188,29 +188,43 @@ class Analysis {
     }
 
     void split() {
-        const bool whole_log = !request_.heldout_log.empty();
-        const std::size_t last = logs_.size() - 1;
-        const MeasuredLog& log = logs_[last];
-        std::size_t cut = 0;
-        if (!whole_log) {
-            const double end = log.samples.back().t_s;
-            const double start = log.samples.front().t_s;
-            const double from = request_.heldout_from_s.value_or(end - kHeldOutShare * (end - start));
-            while (cut < log.samples.size() && log.samples[cut].t_s < from) ++cut;
+        // A file may hold several stretches; from a time of the last file on nothing is learned, and the
+        // longest piece behind it is what the free run is judged on.
+        const std::size_t last = last_file_;
+        double from = -1;
+        if (request_.heldout_log.empty()) {
+            double driven = 0;
+            for (std::size_t i = last; i < logs_.size(); ++i) driven += duration(logs_[i]);
+            double left = kHeldOutShare * driven;
+            for (std::size_t i = logs_.size(); i-- > last && left > 0;) {
+                from = logs_[i].samples.back().t_s - std::min(left, duration(logs_[i]));
+                left -= duration(logs_[i]);
+            }
+            from = request_.heldout_from_s.value_or(from);
         }
+        std::size_t longest = 0;
         for (std::size_t i = 0; i < logs_.size(); ++i) {
-            const std::size_t end = i == last ? cut : logs_[i].samples.size();
-            if (end > 1) training_.push_back({&logs_[i], i, 0, end, 0});
+            const MeasuredLog& log = logs_[i];
+            std::size_t cut = 0;
+            double heading = log.start_heading_rad;
+            while (cut < log.samples.size() && (i < last || log.samples[cut].t_s < from)) {
+                heading += log.period_s *
+                           model::twist_from_wheel_speeds(request_.geometry, log.samples[cut].speed_rad_per_s)
+                               .omega_rad_per_s;
+                ++cut;
+            }
+            if (cut > 1) training_.push_back({&log, i, 0, cut, log.start_heading_rad});
+            const std::size_t after = log.samples.size() - cut;
+            if (i >= last && after > std::max<std::size_t>(longest, 2)) {
+                held_out_ = LogPart{&log, i, cut, log.samples.size(), heading};
+                longest = after;
+            }
         }
-        double heading = 0;
-        for (std::size_t i = 0; i + 1 < std::max<std::size_t>(cut, 1); ++i) {
-            heading += log.period_s *
-                       model::twist_from_wheel_speeds(request_.geometry, log.samples[i].speed_rad_per_s)
-                           .omega_rad_per_s;
-        }
-        if (log.samples.size() > cut + 2) held_out_ = LogPart{&log, last, cut, log.samples.size(), heading};
-        findings_.heldout_from_s = log.samples[std::min(cut, log.samples.size() - 1)].t_s;
+        findings_.heldout_from_s =
+            held_out_ ? held_out_->log->samples[held_out_->first].t_s : logs_.back().samples.back().t_s;
     }
+
+    static double duration(const MeasuredLog& log) { return log.period_s * double(log.samples.size() - 1); }
 
     static bool close(const model::Dynamics<double>& a, const model::Dynamics<double>& b) {
         const auto near = [](double x, double y, double scale) { return std::abs(x - y) < 1e-3 * scale; };
@@ -283,92 +297,24 @@ class Analysis {
     // What would tell the named ones from their rivals: the motion in which they
     // are least alike.
     void refine_names() {
-        for (NamedEffect& e : findings_.search.effects) {
-            for (Rival& r : e.rivals) r.separated_by = separating_motion(e, r);
-        }
-    }
-
-    struct Primitive {
-        const char* name;
-        WheelPair<double> (*torque)(double t_s, double size);
-    };
-    static constexpr double kPrimitive_s = 12;
-
-    std::string separating_motion(const NamedEffect& e, const Rival& r) const {
-        // NOLINTBEGIN(readability-magic-numbers): shapes of motions
-        static constexpr std::array<Primitive, 6> kPrimitives{{
-            {"reversals at a creep",
-             [](double t, double a) {
-                 const double s = 0.25 * a * (std::fmod(t, 2.0) < 1 ? 1 : -1);
-                 return WheelPair<double>{s, s};
-             }},
-            {"full torque, then coasting",
-             [](double t, double a) {
-                 const double s = t < 2 ? a : 0.0;
-                 return WheelPair<double>{s, s};
-             }},
-            {"spins both ways",
-             [](double t, double a) {
-                 const double s = 0.5 * a * (std::fmod(t, 4.0) < 2 ? 1 : -1);
-                 return WheelPair<double>{-s, s};
-             }},
-            {"curves through all headings",
-             [](double t, double a) {
-                 return WheelPair<double>{0.3 * a * std::sin(0.9 * t) + 0.04 * a,
-                                          0.3 * a * std::sin(0.9 * t) - 0.04 * a};
-             }},
-            {"out and back at three speeds",
-             [](double t, double a) {
-                 const double s = a * (0.2 + 0.3 * std::floor(t / 4)) * std::sin(2 * 3.14159265 * t / 4);
-                 return WheelPair<double>{s, s};
-             }},
-            {"random torques on each wheel",
-             [](double t, double a) {
-                 return WheelPair<double>{0.5 * a * std::sin(7.1 * t) * std::sin(1.3 * t),
-                                          0.5 * a * std::sin(5.7 * t + 1) * std::sin(0.9 * t)};
-             }},
-        }};
-        // NOLINTEND(readability-magic-numbers)
         const Search& s = findings_.search;
-        const model::Dynamics<double> k = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
-        std::string best = "another motion";
-        double least = 1;
-        for (const Primitive& p : kPrimitives) {
-            sim::Plant plant(sim::plant_from_dynamics(request_.geometry, k, effects_of(s.after)));
-            MeasuredLog log;
-            log.period_s = 0.01;
-            for (int i = 0; i <= static_cast<int>(kPrimitive_s / log.period_s); ++i) {
-                MeasuredSample sample;
-                sample.t_s = i * log.period_s;
-                sample.torque_Nm = p.torque(sample.t_s, 2 * train_.torque_rms_Nm);
-                sample.speed_rad_per_s = plant.wheel_speed_rad_per_s();
-                for (int n = 0; n < 20; ++n) plant.advance(log.period_s / 20, sample.torque_Nm);
-                log.samples.push_back(sample);
-            }
-            BlockOptions options;
-            options.geometry = request_.geometry;
-            options.dynamics = k;
-            options.noise_rad_per_s = findings_.noise_rad_per_s;
-            options.speed_rms_rad_per_s = speed_rms_;
-            const LogPart part{&log, 0, 0, log.samples.size(), 0};
-            const BlockSet set = make_blocks(std::array{part}, options);
-            if (set.blocks.empty()) continue;
-            Fit base = s.base;
-            base.shape.turning = true;
-            base.value(3) = k.k8_per_kg_m2;
-            const auto amounts = [](std::size_t effect) {
-                std::vector<Amount> all;
-                for (int c = columns_of(effect).first; c < columns_of(effect).second; ++c)
-                    all.push_back({{c}});
-                return all;
-            };
-            const double alike = likeness(pointers(set), base, amounts(e.effect), amounts(r.effect));
-            if (alike < least) {
-                least = alike;
-                best = p.name;
+        Confusion c;
+        c.geometry = request_.geometry;
+        c.dynamics = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
+        c.effects = effects_of(s.after);
+        c.base = s.base;
+        c.torque_rms_Nm = train_.torque_rms_Nm;
+        c.speed_rms_rad_per_s = speed_rms_;
+        c.noise_rad_per_s = findings_.noise_rad_per_s;
+        for (NamedEffect& e : findings_.search.effects) {
+            for (Rival& r : e.rivals) {
+                c.effect = e.effect;
+                c.rival = r.effect;
+                const Separation found = separating_motion(c);
+                r.motion = found.motion;
+                r.motion_size_Nm = found.size_Nm;
             }
         }
-        return best;
     }
 
     void take_models() {
@@ -495,7 +441,7 @@ class Analysis {
             return ((gained / (n * log.period_s) - k.k5_m * product / n) / k.k7_per_kg_m - torque / n) / 2;
         };
         for (const MeasuredLog& log : logs_) {
-            std::vector<double> heading{0};
+            std::vector<double> heading{log.start_heading_rad};
             for (const MeasuredSample& s : log.samples) {
                 heading.push_back(
                     heading.back() +
@@ -535,6 +481,7 @@ class Analysis {
     const Request& request_;
     Findings findings_;
     std::vector<MeasuredLog> logs_;
+    std::size_t last_file_ = 0;  // its first stretch
     std::vector<LogPart> training_;
     std::optional<LogPart> held_out_;
     BlockSet train_, report_;

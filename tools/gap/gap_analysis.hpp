@@ -14,7 +14,7 @@
 namespace wheelwright::gap {
 
 struct Request {
-    std::vector<std::string> logs;
+    std::vector<std::string> logs;         // CSV, or candump of the drives' bus (then `robot` is needed)
     std::string heldout_log;               // or
     std::optional<double> heldout_from_s;  // of the last log; else the last fifth of it
     model::Geometry<double> geometry;
@@ -41,6 +41,7 @@ struct Trace {
 struct Findings {
     std::vector<std::string> problems;  // why a log cannot be used, or is suspect;
                                         // then nothing else is set
+    std::vector<std::string> notes;     // of what a log was left out, and why
     Search search;
     bool turning = false;  // the turning equation was used
     double duration_s = 0, rate_Hz = 0;

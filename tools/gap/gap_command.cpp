@@ -9,6 +9,7 @@
 #include "tools/cli/command.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/gap/gap_output.hpp"
+#include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -41,6 +42,12 @@ int gap(const Options& options) {
         if (!result.robot) return kUsage;
         request.robot = result.robot->parameters;
         request.geometry = result.robot->parameters.geometry;
+    }
+    for (const std::string& log : options.logs) {
+        if (options.model.empty() && is_candump(log).value_or(false)) {
+            return usage(
+                log + " is a candump log; it needs --model ROBOT.toml: nodes, signs and gears stand there");
+        }
     }
     if (!options.geometry.apply(request.geometry, !options.model.empty())) return usage(kGeometryMissing);
     std::error_code failed;
@@ -76,11 +83,11 @@ void add_gap(CLI::App& program, Run& run) {
                                                "Find what the model lacks: where "
                                                "simulation and measurement part, and why");
     command->footer(
-        "LOG is a CSV with the columns t_s, tau_left_Nm, tau_right_Nm, "
-        "omega_left_rad_s,\n"
-        "omega_right_rad_s[, gyro_z_rad_s] at 20 Hz to 2 kHz. Several logs are "
-        "one experiment. Without\n"
-        "--heldout the last fifth of the last log is held out.\n"
+        "LOG is a candump -L log of the bus with the drives (then --model is needed), or a CSV with the "
+        "columns\n"
+        "t_s, tau_left_Nm, tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] at 20 Hz to 2 "
+        "kHz.\n"
+        "Several logs are one experiment. Without --heldout the last fifth of the last log is held out.\n"
         "Exit status 0: there is a verdict; 2: a log cannot be used.");
     command->add_option("LOG", options->logs, "Logs")->required();
     command->add_option("--model", options->model, "Robot file: geometry, K5..K8 and effects as believed");

@@ -7,6 +7,7 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/gap/motions.hpp"
 #include "tools/report/page.hpp"
 
 namespace wheelwright::gap {
@@ -16,6 +17,10 @@ using Json = nlohmann::ordered_json;
 using tools::number_text;
 
 std::string name_of(std::size_t effect) { return std::string(model::kEffects[effect].name); }
+
+std::string words_of(const Rival& rival) {
+    return rival.motion != nullptr ? std::string(rival.motion->words) : "another motion";
+}
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
@@ -46,6 +51,7 @@ std::string words(const Findings& f) {
     const Search& s = f.search;
     std::string text;
     const auto line = [&](const std::string& l) { text += l + "\n"; };
+    for (const std::string& note : f.notes) line("Note: " + note);
     line(std::string("Verdict: ") + verdict_name(s.verdict) + ": " + s.reason + ".");
     for (const NamedEffect& e : s.effects) {
         const model::EffectInfo& info = model::kEffects[e.effect];
@@ -62,7 +68,7 @@ std::string words(const Findings& f) {
         for (const Rival& r : e.rivals) {
             line("  rival: " + name_of(r.effect) +
                  (r.alike ? ", the same in every motion of this log" : ", not ruled out") +
-                 "; told apart by: " + r.separated_by);
+                 "; told apart by: " + words_of(r));
         }
     }
     if (!s.where.empty()) {
@@ -126,8 +132,14 @@ std::string json(const Findings& f, const Request& request) {
             effect["rivals"].push_back({{"name", name_of(r.effect)},
                                         {"same_in_this_log", r.alike},
                                         {"keeps", number(r.keeps)},
-                                        {"separated_by", r.separated_by}});
-            advice.push_back({{"tell", info.name}, {"from", name_of(r.effect)}, {"motion", r.separated_by}});
+                                        {"separated_by", words_of(r)}});
+            Json one{{"tell", info.name}, {"from", name_of(r.effect)}, {"motion", words_of(r)}};
+            if (r.motion != nullptr) {
+                one["name"] = r.motion->name;
+                one["torque_Nm"] = number(r.motion_size_Nm);
+                one["duration_s"] = kMotion_s;
+            }
+            advice.push_back(one);
         }
         out["effects"].push_back(effect);
     }
@@ -190,6 +202,7 @@ std::string json(const Findings& f, const Request& request) {
     out["closable_share"] = number(s.closable_share);
     Json log;
     log["files"] = request.logs;
+    log["notes"] = f.notes;
     log["duration_s"] = number(f.duration_s);
     log["rate_Hz"] = number(f.rate_Hz);
     log["blocks"] = f.blocks;
@@ -304,7 +317,7 @@ void write_page(const Findings& f, const Request& request, const std::string& pa
             effects.note(report::Tone::plain,
                          name_of(r.effect) +
                              (r.alike ? " does the same in every motion of this log" : " is not ruled out") +
-                             ". What would tell: " + r.separated_by + ".");
+                             ". What would tell: " + words_of(r) + ".");
         }
     }
     if (!f.heldout.empty()) {

@@ -27,6 +27,8 @@ inline constexpr std::size_t kMostEffects = 4;
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
 const char* verdict_name(Verdict verdict);
 
+struct Motion;
+
 struct ParameterEstimate {
     double value = 0, standard_error = 0;
     std::array<double, 2> interval_95{};
@@ -37,7 +39,9 @@ struct Rival {
     std::size_t effect = 0;
     bool alike = false;  // no motion in this log tells them apart
     double keeps = 0;    // share of the gain that it keeps in the winner's place
-    std::string separated_by;
+    // Driven with this size it tells them apart best (motions.hpp); null: none is known.
+    const Motion* motion = nullptr;
+    double motion_size_Nm = 0;
 };
 
 struct NamedEffect {

@@ -249,6 +249,7 @@ class Reader {
         };
         observer_.update(start_ns, sample_of(left_.feedback()), sample_of(right_.feedback()), plant_);
         DriveLog::Cycle cycle;
+        cycle.start_ns = start_ns;
         cycle.sample.usable = observer_.angles_at(start_ns - age_ns_, cycle.sample.angle_rad) && commanded &&
                               followed_ && left_.closed_loop() && right_.closed_loop();
         const bool deaf =

@@ -22,6 +22,7 @@ namespace wheelwright::tools {
 struct DriveLog {
     struct Cycle {
         ident::IdentSample<double> sample;
+        std::int64_t start_ns = 0;
         bool restart = false;  // a gap before it
     };
     std::vector<Cycle> cycles;

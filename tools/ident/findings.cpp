@@ -7,7 +7,7 @@
 #include <cmath>
 #include <cstring>
 #include <ctime>
-#include <fstream>
+#include <optional>
 
 namespace wheelwright::tools {
 namespace {
@@ -62,15 +62,13 @@ Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& 
     Findings failed;
     std::size_t candumps = 0;
     for (const std::string& path : paths) {
-        std::ifstream in(path);
-        if (!in) {
+        const std::optional<bool> candump = is_candump(path);
+        if (!candump) {
             failed.problems.push_back(
                 to_text(path, {0, std::string("cannot open: ") + std::strerror(errno)}));
             continue;
         }
-        char first = 0;
-        in >> first;  // skips blanks
-        if (first == '(') ++candumps;
+        candumps += *candump ? 1 : 0;
     }
     if (!failed.problems.empty()) return failed;
     if (candumps == paths.size()) return identify_drive_logs(paths, setup);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <fstream>
 #include <istream>
 
 namespace wheelwright::tools {
@@ -195,6 +196,14 @@ std::string to_text(const std::string& file, const LineProblem& problem) {
     std::string text = file + ":";
     if (problem.line > 0) text += std::to_string(problem.line) + ":";
     return text + " " + problem.message;
+}
+
+std::optional<bool> is_candump(const std::string& path) {
+    std::ifstream in(path);
+    if (!in) return std::nullopt;
+    char first = 0;
+    in >> first;  // skips blanks
+    return first == '(';
 }
 
 CandumpReader::Next CandumpReader::next(LogFrame& out) {

@@ -9,6 +9,7 @@
 
 #include <cstdint>
 #include <iosfwd>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -40,6 +41,9 @@ struct LineProblem {
 };
 
 std::string to_text(const std::string& file, const LineProblem& problem);
+
+// Whether a file begins as a candump -L log does, with '('; nothing if it cannot be opened (errno says why).
+std::optional<bool> is_candump(const std::string& path);
 
 // Reads a log line by line. Lines must not go back in time; equal times are fine. Blank lines are skipped.
 class CandumpReader {

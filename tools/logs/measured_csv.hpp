@@ -29,6 +29,7 @@ struct MeasuredLog {
     double period_s = 0;  // mean step
     bool has_gyro = false;
     bool has_accel = false;
+    double start_heading_rad = 0;  // of the first sample, where something tells
     std::vector<std::string> ignored_columns;
 };
 

@@ -1,0 +1,112 @@
+#include "tools/gap/motions.hpp"
+
+#include <array>
+#include <cmath>
+
+#include "sim_hal/plant.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+using tools::MeasuredLog;
+using tools::MeasuredSample;
+
+// NOLINTBEGIN(readability-magic-numbers): shapes of motions
+constexpr std::array<Motion, 6> kMotions{{
+    {"creep", "reversals at a creep",
+     [](double t, double a) {
+         const double s = 0.25 * a * (std::fmod(t, 2.0) < 1 ? 1 : -1);
+         return WheelPair<double>{s, s};
+     }},
+    {"coast", "full torque, then coasting",
+     [](double t, double a) {
+         const double s = t < 2 ? a : 0.0;
+         return WheelPair<double>{s, s};
+     }},
+    {"spin", "spins both ways",
+     [](double t, double a) {
+         const double s = 0.5 * a * (std::fmod(t, 4.0) < 2 ? 1 : -1);
+         return WheelPair<double>{-s, s};
+     }},
+    {"curves", "curves through all headings",
+     [](double t, double a) {
+         return WheelPair<double>{0.3 * a * std::sin(0.9 * t) + 0.04 * a,
+                                  0.3 * a * std::sin(0.9 * t) - 0.04 * a};
+     }},
+    {"three_speeds", "out and back at three speeds",
+     [](double t, double a) {
+         const double s = a * (0.2 + 0.3 * std::floor(t / 4)) * std::sin(2 * 3.14159265 * t / 4);
+         return WheelPair<double>{s, s};
+     }},
+    {"random", "random torques on each wheel",
+     [](double t, double a) {
+         return WheelPair<double>{0.5 * a * std::sin(7.1 * t) * std::sin(1.3 * t),
+                                  0.5 * a * std::sin(5.7 * t + 1) * std::sin(0.9 * t)};
+     }},
+}};
+constexpr double kSizeOverRms = 2;
+constexpr double kPeriod_s = 0.01;
+constexpr int kStepsPerSample = 20;
+// NOLINTEND(readability-magic-numbers)
+
+MeasuredLog simulate(const Confusion& c, const Motion& motion, double size_Nm) {
+    sim::Plant plant(sim::plant_from_dynamics(c.geometry, c.dynamics, c.effects));
+    MeasuredLog log;
+    log.period_s = kPeriod_s;
+    for (int i = 0; i <= static_cast<int>(kMotion_s / log.period_s); ++i) {
+        MeasuredSample sample;
+        sample.t_s = i * log.period_s;
+        sample.torque_Nm = motion.torque_Nm(sample.t_s, size_Nm);
+        sample.speed_rad_per_s = plant.wheel_speed_rad_per_s();
+        for (int n = 0; n < kStepsPerSample; ++n)
+            plant.advance(log.period_s / kStepsPerSample, sample.torque_Nm);
+        log.samples.push_back(sample);
+    }
+    return log;
+}
+
+std::vector<Amount> amounts_of(std::size_t effect) {
+    std::vector<Amount> all;
+    for (int c = columns_of(effect).first; c < columns_of(effect).second; ++c) all.push_back({{c}});
+    return all;
+}
+
+}  // namespace
+
+std::span<const Motion> motions() { return kMotions; }
+
+const Motion* find_motion(std::string_view name) {
+    for (const Motion& motion : kMotions) {
+        if (motion.name == name) return &motion;
+    }
+    return nullptr;
+}
+
+Separation separating_motion(const Confusion& c) {
+    Separation best{nullptr, kSizeOverRms * c.torque_rms_Nm};
+    double least = 1;
+    for (const Motion& motion : kMotions) {
+        const MeasuredLog log = simulate(c, motion, best.size_Nm);
+        BlockOptions options;
+        options.geometry = c.geometry;
+        options.dynamics = c.dynamics;
+        options.noise_rad_per_s = c.noise_rad_per_s;
+        options.speed_rms_rad_per_s = c.speed_rms_rad_per_s;
+        const LogPart part{&log, 0, 0, log.samples.size(), 0};
+        const BlockSet set = make_blocks(std::array{part}, options);
+        if (set.blocks.empty()) continue;
+        Fit base = c.base;
+        base.shape.turning = true;
+        base.value(3) = c.dynamics.k8_per_kg_m2;
+        Blocks blocks;
+        for (const Block& block : set.blocks) blocks.push_back(&block);
+        const double alike = likeness(blocks, base, amounts_of(c.effect), amounts_of(c.rival));
+        if (alike < least) {
+            least = alike;
+            best.motion = &motion;
+        }
+    }
+    return best;
+}
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,43 @@
+// Motions that tell effects apart: torques over time, from rest. `wheelwright gap` simulates them to advise
+// one, `wheelwright excite` drives it.
+#pragma once
+
+#include <span>
+#include <string>
+#include <string_view>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+#include "tools/gap/gap_fit.hpp"
+
+namespace wheelwright::gap {
+
+struct Motion {
+    std::string_view name;   // in gap.json, stable
+    std::string_view words;  // for people
+    WheelPair<double> (*torque_Nm)(double t_s, double size_Nm);
+};
+inline constexpr double kMotion_s = 12;  // of each
+
+std::span<const Motion> motions();
+const Motion* find_motion(std::string_view name);  // null: none is called so
+
+// Two effects that a log does not tell apart, and what is known of the robot.
+struct Confusion {
+    std::size_t effect = 0, rival = 0;
+    model::Geometry<double> geometry;
+    model::Dynamics<double> dynamics;
+    model::EffectSet<double> effects;  // with the one named
+    Fit base;                          // without it
+    double torque_rms_Nm = 0;          // that the robot was driven with
+    double speed_rms_rad_per_s = 0;
+    WheelPair<double> noise_rad_per_s;
+};
+struct Separation {
+    const Motion* motion = nullptr;  // null: none of them
+    double size_Nm = 0;
+};
+// The motion in which the two are least alike.
+Separation separating_motion(const Confusion& confusion);
+
+}  // namespace wheelwright::gap

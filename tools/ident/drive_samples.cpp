@@ -1,0 +1,126 @@
+#include "tools/ident/drive_samples.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <iterator>
+#include <span>
+
+#include "firmware/task/cycle_schedule.hpp"
+#include "firmware/task/learning.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr std::ptrdiff_t kFewestCyclesPerSample = 4;  // of 1 ms, each with its encoder's noise
+constexpr double kShortestStretch_s = 1;
+
+// Integral from -inf of the triangle of width 2 and area 1 around 0.
+double below_triangle(double x) {
+    if (x <= -1) return 0;
+    if (x >= 1) return 1;
+    return x < 0 ? (1 + x) * (1 + x) / 2 : 1 - (1 - x) * (1 - x) / 2;
+}
+
+// Weights of the torques told in a run of cycles, counted from the sample's angle.
+struct TorqueWeights {
+    std::ptrdiff_t first = 0;
+    std::vector<double> weight;
+
+    // An angle is `age` cycles older than its cycle; a command acts for one cycle around `delay`.
+    TorqueWeights(std::ptrdiff_t period, double age, double delay) {
+        const auto p = static_cast<double>(period);
+        const double centre = p / 2 - age - delay;
+        first = static_cast<std::ptrdiff_t>(std::floor(centre - p - 0.5));
+        const auto last = static_cast<std::ptrdiff_t>(std::ceil(centre + p + 0.5));
+        for (std::ptrdiff_t m = first; m <= last; ++m) {
+            const double from = (static_cast<double>(m) - 0.5 - centre) / p;
+            weight.push_back(below_triangle(from + 1 / p) - below_triangle(from));
+        }
+    }
+};
+
+}  // namespace
+
+std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot) {
+    std::vector<MeasuredLog> made;
+    const double cycle_s = task::kCyclePeriod_s;
+    const double age = task::Learning::sample_age_s(robot) / cycle_s;
+    const auto encoder =
+        static_cast<std::ptrdiff_t>(std::ceil(1e-3 * robot.drive.encoder_period_ms / cycle_s));
+    const std::ptrdiff_t period = std::max(kFewestCyclesPerSample, 2 * encoder);
+    const std::ptrdiff_t half = period / 2;
+    const TorqueWeights torque(period, age, robot.velocity_loop.actuation_delay_s / cycle_s);
+    const auto before = std::max(half, -torque.first);  // cycles needed before a sample
+    const std::span<const DriveLog::Cycle> cycles = log.cycles;
+    bool any = false;
+    double first_heading_rad = 0;
+    for (std::size_t begin = 0; begin < cycles.size();) {
+        std::size_t end = begin;
+        while (end < cycles.size() && cycles[end].sample.usable && (end == begin || !cycles[end].restart))
+            ++end;
+        const std::span<const DriveLog::Cycle> run = cycles.subspan(begin, end - begin);
+        begin = std::max(end, begin + 1);
+        const auto length = static_cast<std::ptrdiff_t>(run.size());
+        if (static_cast<double>(length) * cycle_s < kShortestStretch_s) continue;
+        MeasuredLog stretch;
+        stretch.period_s = static_cast<double>(period) * cycle_s;
+        const auto angle = [&](std::ptrdiff_t n) {
+            return run[static_cast<std::size_t>(n)].sample.angle_rad;
+        };
+        for (std::ptrdiff_t n = before; n + half < length; n += period) {
+            MeasuredSample sample;
+            const DriveLog::Cycle& cycle = run[static_cast<std::size_t>(n)];
+            sample.t_s = 1e-9 * static_cast<double>(cycle.start_ns - log.first_time_ns) - age * cycle_s;
+            const WheelPair<double> a = angle(n - half);
+            const WheelPair<double> b = angle(n + half);
+            sample.speed_rad_per_s = {(b.left - a.left) / stretch.period_s,
+                                      (b.right - a.right) / stretch.period_s};
+            for (std::size_t i = 0; i < torque.weight.size(); ++i) {
+                // what was told in a cycle stands in the one after it
+                const std::ptrdiff_t told = n + torque.first + static_cast<std::ptrdiff_t>(i) + 1;
+                const std::ptrdiff_t at = std::clamp<std::ptrdiff_t>(told, 0, length - 1);
+                const WheelPair<double>& t = run[static_cast<std::size_t>(at)].sample.last_torque_Nm;
+                sample.torque_Nm.left += torque.weight[i] * t.left;
+                sample.torque_Nm.right += torque.weight[i] * t.right;
+            }
+            if (stretch.samples.empty()) {
+                if (!any) first_heading_rad = cycle.sample.heading_rad;
+                any = true;
+                stretch.start_heading_rad = cycle.sample.heading_rad - first_heading_rad;
+            }
+            stretch.samples.push_back(sample);
+        }
+        made.push_back(std::move(stretch));
+    }
+    return made;
+}
+
+SampledLog read_sampled_log(const std::string& path, const std::optional<model::RobotParameters>& robot) {
+    SampledLog read;
+    const auto say = [&](std::vector<std::string>& to, const std::vector<LineProblem>& from) {
+        for (const LineProblem& line : from) to.push_back(to_text(path, line));
+    };
+    if (!is_candump(path).value_or(false)) {
+        MeasuredLogResult result = read_measured_csv(path);
+        say(read.problems, result.problems);
+        if (result.log) read.logs.push_back(std::move(*result.log));
+        return read;
+    }
+    if (!robot) {
+        read.problems.push_back(
+            path + ": a candump log needs --model ROBOT.toml: nodes, signs and gears stand there");
+        return read;
+    }
+    const DriveLog log = read_drive_log(path, *robot);
+    say(read.notes, log.notes);
+    say(read.problems, log.problems);
+    if (!read.problems.empty()) return read;
+    read.logs = even_samples(log, *robot);
+    if (read.logs.empty()) {
+        read.problems.push_back(path +
+                                ": holds no second in which both drives were in closed loop, heard and told");
+    }
+    return read;
+}
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,34 @@
+// A drive log as evenly sampled torques and wheel speeds, for whatever compares them with a model: the gap
+// analysis and the checks of CSV logs know nothing of drives.
+//
+// A sample's speed is the mean over one sampling period around it, from angles alone. The torque from it to
+// the next sample is the commands' mean with the weight (a triangle) that makes
+//     speed difference = period x K x torque
+// exact for these speeds; commands count from when they act, by the robot file's actuation delay. So nothing
+// is smoothed on one side only.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/model/robot_parameters.hpp"
+#include "tools/ident/drive_log.hpp"
+#include "tools/logs/measured_csv.hpp"
+
+namespace wheelwright::tools {
+
+// One log for each stretch of at least a second in which every cycle is usable; times count from the log's
+// first frame, headings from the first stretch's.
+std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot);
+
+// A log of either form. `logs`: the stretches of a candump log, or the one of a CSV.
+struct SampledLog {
+    std::vector<MeasuredLog> logs;
+    std::vector<std::string> notes;     // "file:line: what was left out, and why"
+    std::vector<std::string> problems;  // set: unusable
+};
+// A candump log needs the robot: nodes, signs, gears and delays stand in its file.
+SampledLog read_sampled_log(const std::string& path, const std::optional<model::RobotParameters>& robot);
+
+}  // namespace wheelwright::tools
