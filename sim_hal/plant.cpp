@@ -62,7 +62,7 @@ void Plant::set_parameters(const PlantParameters& parameters) {
     model::for_each_active(parameters.effects.active, [this]<typename Effect>(std::size_t) {
         if constexpr (model::OnTorquePath<Effect>) {
             torque_path_ = true;
-        } else if constexpr (!model::Dry<Effect>) {
+        } else if constexpr (model::SmoothTorque<Effect>) {
             wheels_only_ = wheels_only_ && model::EachWheel<Effect>;
         }
     });

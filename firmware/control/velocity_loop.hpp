@@ -109,13 +109,17 @@ class VelocityLoop {
         last_torque_ = torque_Nm;
     }
 
-    // Tells that the plant's model changes from `before` to `after`: the torque of the last update would be
-    // the same again. Call between updates, with the motion of the last one.
-    void change_model(const PlantModel<Real>& before, const PlantModel<Real>& after,
-                      const model::Motion<Real>& measured) {
-        if (!running_) return;
-        const TwistRate<Real> was = linearised_acceleration(before, measured, last_.twist, last_torque_);
-        const TwistRate<Real> is = linearised_acceleration(after, measured, last_.twist, last_torque_);
+    // change(plant) changes the plant's model; the torque of the last update would be the same again. Call
+    // between updates, with the motion of the last one.
+    template <typename Change>
+    void change_model(PlantModel<Real>& plant, const model::Motion<Real>& measured, Change&& change) {
+        if (!running_) {
+            change(plant);
+            return;
+        }
+        const TwistRate<Real> was = linearised_acceleration(plant, measured, last_.twist, last_torque_);
+        change(plant);
+        const TwistRate<Real> is = linearised_acceleration(plant, measured, last_.twist, last_torque_);
         integral_.v_m_per_s2 += is.v_m_per_s2 - was.v_m_per_s2;
         integral_.omega_rad_per_s2 += is.omega_rad_per_s2 - was.omega_rad_per_s2;
     }

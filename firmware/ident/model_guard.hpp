@@ -89,8 +89,9 @@ class ModelGuard {
                    e.k8_per_kg_m2 <= options_.trust_relative_error * k.k8_per_kg_m2) {
             state_ = GuardState::following;
             trusted_ = k;
-            for (std::size_t i = 0; i < model::kEffectCount; ++i)
-                if (estimate.effects.active[i]) trusted_effects_.parameter[i] = estimate.effects.parameter[i];
+            model::for_each_active_index(estimate.effects.active, [&](std::size_t i) {
+                trusted_effects_.parameter[i] = estimate.effects.parameter[i];
+            });
         } else {
             state_ = GuardState::holding;
         }
@@ -112,13 +113,12 @@ class ModelGuard {
         if (changed)
             dynamics_.k6_per_m = model::coupled_k6(dynamics_.k5_m, dynamics_.k7_per_kg_m,
                                                    dynamics_.k8_per_kg_m2, options_.track_m);
-        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-            if (!effects_.active[i]) continue;
+        model::for_each_active_index(effects_.active, [&](std::size_t i) {
             for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j)
                 changed |= step(effects_.parameter[i][j], trusted_effects_.parameter[i][j],
                                 share * std::max(std::abs(original_effects_.parameter[i][j]),
                                                  std::abs(trusted_effects_.parameter[i][j])));
-        }
+        });
         if (changed) ++changes_;
         return changed;
     }

@@ -24,6 +24,17 @@
 // An effect on the torque's way to the wheel, whose columns depend on the applied torque, also provides
 //   static WheelPair<Real> asked(const Parameters<Real>&, const WheelPair<Real>& delivered_Nm);
 //       what to apply for a wanted torque: the controllers' compensation. Several act in catalogue order.
+//
+// An effect on the torque's way to the wheel that is told by what it makes of each wheel's torque provides
+//   static constexpr int path_place;                                     order on the way
+//   struct Memory<Real>;                      what it remembers of one wheel: fixed size, begins as made
+//   static Real deliver(const Parameters<Real>&, Memory<Real>&, const PathInstant<Real>&);
+//       the mean torque that arrives over the step that begins now; advances the memory. torque_path.hpp puts
+//       them one behind the other.
+// An effect on what a drive or sensor reports provides
+//   static Real report_speed(const Parameters<Real>&, Memory<Real>&, Real speed_rad_per_s, Real step_s);
+//   or static Real report_yaw_rate(const Parameters<Real>&, Real yaw_rate_rad_per_s);
+// Effects that are none of these say in their own file what they change and with which functions.
 #pragma once
 
 #include <array>
@@ -72,6 +83,18 @@ struct EffectContext {
     WheelPair<Real> applied_torque_Nm;  // used by effects on the torque's way only
     const Geometry<Real>& geometry;
     const Dynamics<Real>& dynamics;
+};
+
+// One wheel's torque on its way, over a step.
+template <typename Real>
+struct PathInstant {
+    Real torque_Nm{};  // as it comes from the stage before, held over the step
+    Real speed_rad_per_s{};
+    Real angle_rad{};  // of the wheel when the step begins, as is the speed
+    Real time_s{};     // since the beginning of the run
+    Real step_s{};     // > 0
+    Real span_s = 60;  // length of the whole run
+    bool right = false;
 };
 
 // On the body, at the middle of the axle.

@@ -2,32 +2,68 @@
 // effects/ and add its line to Catalogue.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <string_view>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 
 #include "firmware/model/effect.hpp"
+#include "firmware/model/effects/actuator_lag.hpp"
+#include "firmware/model/effects/back_emf_limit.hpp"
+#include "firmware/model/effects/backlash.hpp"
+#include "firmware/model/effects/castor_drag.hpp"
+#include "firmware/model/effects/cog_lateral.hpp"
 #include "firmware/model/effects/coulomb_friction.hpp"
+#include "firmware/model/effects/dead_zone.hpp"
+#include "firmware/model/effects/encoder_quantisation.hpp"
+#include "firmware/model/effects/gain_drift.hpp"
+#include "firmware/model/effects/gyro_bias.hpp"
+#include "firmware/model/effects/measurement_lag.hpp"
+#include "firmware/model/effects/payload_step.hpp"
 #include "firmware/model/effects/quadratic_drag.hpp"
 #include "firmware/model/effects/slope.hpp"
+#include "firmware/model/effects/stribeck_friction.hpp"
 #include "firmware/model/effects/torque_bias.hpp"
 #include "firmware/model/effects/torque_gain_mismatch.hpp"
+#include "firmware/model/effects/torque_ripple.hpp"
+#include "firmware/model/effects/torque_saturation.hpp"
+#include "firmware/model/effects/transport_delay.hpp"
 #include "firmware/model/effects/turning_scrub.hpp"
 #include "firmware/model/effects/viscous_friction.hpp"
+#include "firmware/model/effects/wheel_radius_mismatch.hpp"
+#include "firmware/model/effects/wheel_slip.hpp"
 
 namespace wheelwright::model {
 
 // Order is part of the CAN parameter index (robot_parameters.hpp): append, never reorder.
-using Catalogue = std::tuple<ViscousFriction,  //
-                             CoulombFriction,  //
-                             QuadraticDrag,    //
-                             TurningScrub,     //
-                             TorqueBias,       //
-                             Slope,            //
-                             TorqueGainMismatch>;
+using Catalogue = std::tuple<ViscousFriction,      //
+                             CoulombFriction,      //
+                             QuadraticDrag,        //
+                             TurningScrub,         //
+                             TorqueBias,           //
+                             Slope,                //
+                             TorqueGainMismatch,   //
+                             StribeckFriction,     //
+                             CastorDrag,           //
+                             CogLateral,           //
+                             ActuatorLag,          //
+                             TransportDelay,       //
+                             DeadZone,             //
+                             Backlash,             //
+                             TorqueSaturation,     //
+                             BackEmfLimit,         //
+                             WheelRadiusMismatch,  //
+                             WheelSlip,            //
+                             PayloadStep,          //
+                             GainDrift,            //
+                             TorqueRipple,         //
+                             EncoderQuantisation,  //
+                             GyroBias,             //
+                             MeasurementLag>;
 
 inline constexpr std::size_t kEffectCount = std::tuple_size_v<Catalogue>;
 
@@ -43,6 +79,12 @@ concept OnTorquePath = requires(Parameters<double> p, WheelPair<double> torque) 
 template <typename Effect>
 concept HasColumns = requires(const EffectContext<double>& context) { Effect::column(0U, context); } ||
                      EachWheel<Effect> || Dry<Effect>;
+template <typename Effect>
+concept SmoothTorque =
+    (HasColumns<Effect> && !Dry<Effect>) ||
+    requires(Parameters<double> p, const EffectContext<double>& context) { Effect::torque(p, context); };
+template <typename Effect>
+concept InTorquePath = requires { Effect::path_place; };
 // Its parameters are the coefficients of its columns, whatever the applied torque.
 template <typename Effect>
 concept LinearInParameters = HasColumns<Effect> && !HasOwnCoordinates<Effect> && !OnTorquePath<Effect>;
@@ -69,10 +111,12 @@ inline constexpr std::array<EffectInfo, kEffectCount> kEffects =
 inline constexpr std::array<bool, kEffectCount> kLinearInParameters =
     for_catalogue([]<typename Effect>() { return LinearInParameters<Effect>; });
 
-// All parameters of the whole catalogue.
+// All parameters of the catalogue that are coefficients of columns.
 inline constexpr std::size_t kMaxColumns = [] {
     std::size_t total = 0;
-    for (const EffectInfo& effect : kEffects) total += effect.parameters.size();
+    for (std::size_t i = 0; i < kEffectCount; ++i) {
+        if (kLinearInParameters[i]) total += kEffects[i].parameters.size();
+    }
     return total;
 }();
 
@@ -109,16 +153,46 @@ constexpr std::array<bool, kEffectCount> estimated_effects(const std::array<bool
     return estimated;
 }
 
+// Whether one of the eight effects from `first` on is active. Cost: a test.
+constexpr bool any_of_eight(const std::array<bool, kEffectCount>& active, std::size_t first) {
+    const std::size_t count = std::min<std::size_t>(8, kEffectCount - first);
+    if (std::is_constant_evaluated()) {
+        return std::any_of(active.begin() + first, active.begin() + first + count, [](bool a) { return a; });
+    }
+    std::uint64_t eight = 0;
+    __builtin_memcpy(&eight, active.data() + first, count);  // one load
+    return eight != 0;
+}
+
+// Calls visit(i) for each active effect, in catalogue order. Cost: a test for eight effects, and where one is
+// active another for each.
+template <typename Visitor>
+constexpr void for_each_active_index(const std::array<bool, kEffectCount>& active, Visitor&& visit) {
+    for (std::size_t first = 0; first < kEffectCount; first += 8) {
+        if (!any_of_eight(active, first)) continue;
+        const std::size_t end = std::min(first + 8, kEffectCount);
+        for (std::size_t i = first; i < end; ++i) {
+            if (active[i]) visit(i);
+        }
+    }
+}
+
 // Calls visit(index, type) as visit.template operator()<Effect>(i) for each active effect, in catalogue
-// order. Cost: one test for each effect that is not active.
+// order. Cost: as for_each_active_index(); effects for which `visit` is empty cost nothing.
 template <typename Visitor>
 constexpr void for_each_active(const std::array<bool, kEffectCount>& active, Visitor&& visit) {
     const auto one = [&]<std::size_t I>(std::integral_constant<std::size_t, I>) {
         if (active[I]) visit.template operator()<std::tuple_element_t<I, Catalogue>>(I);
     };
-    [&]<std::size_t... I>(std::index_sequence<I...>) {
-        (one(std::integral_constant<std::size_t, I>{}), ...);
-    }(std::make_index_sequence<kEffectCount>{});
+    const auto eight = [&]<std::size_t kFirst>(std::integral_constant<std::size_t, kFirst>) {
+        if (!any_of_eight(active, kFirst)) return;
+        [&]<std::size_t... J>(std::index_sequence<J...>) {
+            (one(std::integral_constant<std::size_t, kFirst + J>{}), ...);
+        }(std::make_index_sequence<std::min<std::size_t>(8, kEffectCount - kFirst)>{});
+    };
+    [&]<std::size_t... K>(std::index_sequence<K...>) {
+        (eight(std::integral_constant<std::size_t, 8 * K>{}), ...);
+    }(std::make_index_sequence<(kEffectCount + 7) / 8>{});
 }
 
 // The wheel torque that one unit of a smooth effect's coordinate k gives.
@@ -201,7 +275,7 @@ constexpr WheelPair<Real> smooth_effect_torque_Nm(const EffectSet<Real>& set,
                                                   const EffectContext<Real>& context) {
     WheelPair<Real> total{};
     for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
-        if constexpr (!Dry<Effect> && !OnTorquePath<Effect> && (EachWheel<Effect> || !kWheelsOnly)) {
+        if constexpr (SmoothTorque<Effect> && !OnTorquePath<Effect> && (EachWheel<Effect> || !kWheelsOnly)) {
             add_smooth_torque<Effect>(set.parameter[i], context, total);
         }
     });

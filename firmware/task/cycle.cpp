@@ -33,15 +33,18 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
 }
 
 // An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
-// K8.
+// K8. Where the parameters are not amounts (a phase), one of them may well be 0.
 bool effects_measured(const model::RobotParameters& p) {
-    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        if (!p.effects.active[i]) continue;
-        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
-            if (p.effects.parameter[i][j] == 0 && p.effects_standard_error.parameter[i][j] == 0) return false;
+    bool measured = true;
+    model::for_each_active_index(p.effects.active, [&](std::size_t i) {
+        std::size_t unknown = 0;
+        const std::size_t count = model::kEffects[i].parameters.size();
+        for (std::size_t j = 0; j < count; ++j) {
+            if (p.effects.parameter[i][j] == 0 && p.effects_standard_error.parameter[i][j] == 0) ++unknown;
         }
-    }
-    return true;
+        measured = measured && unknown < (model::kLinearInParameters[i] ? 1 : count);
+    });
+    return measured;
 }
 
 double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
@@ -348,7 +351,7 @@ void Cycle::learn() {
     const bool busy = host_.events().external_pose;  // fusing it is the other long calculation
     const bool slipping = slip_.slipping(time_.scheduled_ns);
     if (learning_.adapt(sample_, !saturated && !slipping, busy)) {
-        control_.change_model(learning_.adapted(control_.plant()), observer_.motion());
+        control_.change_model(learning_.adapted_dynamics(), learning_.adapted_effects(), observer_.motion());
     }
 }
 
@@ -431,14 +434,13 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             break;
         case ReportPart::effects:
             r.effect_count = 0;
-            for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-                if (!estimate.effects.active[i]) continue;
+            model::for_each_active_index(estimate.effects.active, [&](std::size_t i) {
                 for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
                     r.effects[r.effect_count++] = {model::effect_index(i, j),
                                                    estimate.effects.parameter[i][j],
                                                    estimate.effects_standard_error.parameter[i][j]};
                 }
-            }
+            });
             break;
         case ReportPart::ident:
             r.ident = learning_.status();

@@ -117,10 +117,6 @@ bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
     return guard_.update(adaptive_.estimate(), may_adapt);
 }
 
-control::PlantModel<double> Learning::adapted(const control::PlantModel<double>& plant) const {
-    return {plant.geometry, guard_.dynamics(), guard_.effects()};
-}
-
 bool Learning::adaptation_frozen() const {
     const auto frozen = adaptive_.frozen();
     return adapting_ && (frozen.k7 || frozen.k8);

@@ -39,10 +39,11 @@ class Learning {
     void record(ParameterService& service, model::RobotParameters& live) const;
 
     void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant);
-    // True when adapted() differs from before. `may_adapt`: nothing forbids it (saturation, slip). `busy`:
-    // what can wait for a cycle shall.
+    // True when what is adapted differs from before. `may_adapt`: nothing forbids it (saturation, slip).
+    // `busy`: what can wait for a cycle shall.
     bool adapt(const Sample& sample, bool may_adapt, bool busy);
-    control::PlantModel<double> adapted(const control::PlantModel<double>& plant) const;
+    const model::Dynamics<double>& adapted_dynamics() const { return guard_.dynamics(); }
+    const model::EffectSet<double>& adapted_effects() const { return guard_.effects(); }
     bool adaptation_frozen() const;
 
     // The estimate of whichever ran last.

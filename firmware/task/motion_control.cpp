@@ -58,10 +58,14 @@ void MotionControl::step_design() {
     }
 }
 
-void MotionControl::change_model(const control::PlantModel<double>& plant,
+void MotionControl::change_model(const model::Dynamics<double>& dynamics,
+                                 const model::EffectSet<double>& effects,
                                  const model::Motion<double>& measured) {
-    loop_.change_model(plant_, plant, measured);
-    plant_ = plant;
+    loop_.change_model(plant_, measured, [&](control::PlantModel<double>& plant) {
+        plant.dynamics = dynamics;
+        model::for_each_active_index(
+            plant.effects.active, [&](std::size_t i) { plant.effects.parameter[i] = effects.parameter[i]; });
+    });
 }
 
 void MotionControl::select_trajectory(const protocol::TrajectoryCommand& command) {

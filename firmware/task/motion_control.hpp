@@ -48,9 +48,10 @@ class MotionControl {
     bool design_accepted() const { return design_accepted_; }
     const control::LoopDesign<double>& design() const { return design_; }
 
-    // The controller's model. change_model() keeps the torque where it is.
+    // The controller's model. change_model() keeps the torque where it is; which effects are active stays.
     const control::PlantModel<double>& plant() const { return plant_; }
-    void change_model(const control::PlantModel<double>& plant, const model::Motion<double>& measured);
+    void change_model(const model::Dynamics<double>& dynamics, const model::EffectSet<double>& effects,
+                      const model::Motion<double>& measured);
 
     // What the trajectory modes follow; takes effect at once, and its time begins with start_trajectory().
     void select_trajectory(const protocol::TrajectoryCommand& command);

@@ -299,7 +299,8 @@ TEST(VelocityLoop, NewGainsAndANewModelDoNotMoveTheTorque) {
     heavier.dynamics.k8_per_kg_m2 /= 1.25;
     heavier.effects.parameter[model::find_effect("coulomb_friction")][0] = 0.35;
     auto remodelled = inner.loop;
-    remodelled.change_model(inner.model, heavier, motion);
+    auto changed = inner.model;
+    remodelled.change_model(changed, motion, [&](auto& model) { model = heavier; });
     const auto after_model = remodelled.update(heavier, motion, reference);
     // one cycle of integration apart, scaled by the new K
     std::printf("\n  torque %.4f before, %.4f after a model change, %.4f without one\n", before.left,

@@ -164,7 +164,7 @@ void effect_columns(const model::EffectContext<double>& context, const WheelPair
                 const double amount =
                     -mean_sign(model::sliding_speed(d, before), model::sliding_speed(d, after));
                 take(WheelPair<double>{amount * d.left, amount * d.right});
-            } else {
+            } else if constexpr (model::HasColumns<Effect>) {
                 take(model::smooth_column<Effect>(k, context));
             }
         }

@@ -87,7 +87,7 @@ class Searcher {
         // every fourth confirms; with few blocks the last one
         for (std::size_t i = 0; i < all_.size(); ++i) (i % 4 == 2 ? confirm_ : select_).push_back(all_[i]);
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-            if (options.base.active[i]) members_.push_back({i, must_be_together(i)});
+            if (options.base.active[i] && has_columns(i)) members_.push_back({i, must_be_together(i)});
         }
         base_members_ = members_.size();
     }
@@ -186,7 +186,13 @@ class Searcher {
         return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
     }
 
+    static bool has_columns(std::size_t effect) {
+        const auto [first, end] = columns_of(effect);
+        return first < end;
+    }
+
     bool usable(std::size_t effect) const {
+        if (!has_columns(effect)) return false;
         for (const Member& m : members_) {
             if (m.effect == effect) return false;
         }
@@ -504,6 +510,7 @@ class Searcher {
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
             Detectable d;
             d.effect = i;
+            if (!has_columns(i)) continue;
             std::vector<Member> more = members_;
             if (std::any_of(more.begin(), more.end(), [&](const Member& m) { return m.effect == i; }))
                 continue;

@@ -20,6 +20,15 @@ struct TorqueBias {
     static constexpr WheelPair<Real> each_wheel(const EffectContext<Real>&) {
         return {1, 1};
     }
+
+    // Where a limit follows, the bias counts towards it.
+    static constexpr int path_place = 50;
+    template <typename Real>
+    struct Memory {};
+    template <typename Real>
+    static constexpr Real deliver(const Parameters<Real>& p, Memory<Real>&, const PathInstant<Real>& at) {
+        return at.torque_Nm + p[at.right ? 1 : 0];
+    }
 };
 
 }  // namespace wheelwright::model

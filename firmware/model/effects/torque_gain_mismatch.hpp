@@ -37,6 +37,15 @@ struct TorqueGainMismatch {
         const Real c = coordinates(p)[0];
         return {delivered_Nm.left / (1 - c), delivered_Nm.right / (1 + c)};
     }
+
+    static constexpr int path_place = 30;
+    template <typename Real>
+    struct Memory {};
+    template <typename Real>
+    static constexpr Real deliver(const Parameters<Real>& p, Memory<Real>&, const PathInstant<Real>& at) {
+        const Real c = coordinates(p)[0];
+        return at.torque_Nm * (at.right ? 1 + c : 1 - c);
+    }
 };
 
 }  // namespace wheelwright::model

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <array>
+
+#include "firmware/model/effect.hpp"
+
+namespace wheelwright::model {
+
+// The centre of gravity `offset` to the left of the middle line. It couples both accelerations:
+//   m v' - m b omega' = F,   -m b v' + I omega' = N
+// with m = 1 / (K7 r): K7 holds no other mass, so the offset seems smaller by the share that the wheels'
+// rotation has in it. I is K8's, about the middle of the axle, b^2 included.
+struct CogLateral {
+    static constexpr std::array<EffectParameterInfo, 1> parameters{{
+        {"offset_m", "m", -1.0, 1.0, "centre of gravity left of the middle line"},
+    }};
+    static constexpr EffectInfo info{
+        "cog_lateral", "a centre of gravity beside the middle line",
+        "Newton-Euler equations of a body about another point than its centre of "
+        "gravity",
+        parameters};
+
+    // Mass times offset: the push is F = this * omega', N = this * v'.
+    template <typename Real>
+    static constexpr Real coupling_kg_m(const Parameters<Real>& p, const Geometry<Real>& geometry,
+                                        const Dynamics<Real>& dynamics) {
+        return p[0] / (dynamics.k7_per_kg_m * geometry.mean_radius_m());
+    }
+
+    // What accelerates the robot less, or more, because of the offset, at this acceleration of the axle's
+    // middle.
+    template <typename Real>
+    static constexpr BodyForce<Real> push(const Parameters<Real>& p, const Geometry<Real>& geometry,
+                                          const Dynamics<Real>& dynamics,
+                                          const TwistRate<Real>& acceleration) {
+        const Real coupling = coupling_kg_m(p, geometry, dynamics);
+        return {coupling * acceleration.omega_rad_per_s2, coupling * acceleration.v_m_per_s2};
+    }
+};
+
+}  // namespace wheelwright::model

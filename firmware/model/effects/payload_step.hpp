@@ -1,0 +1,37 @@
+#pragma once
+
+#include <array>
+
+#include "firmware/model/effect.hpp"
+
+namespace wheelwright::model {
+
+// A load that comes on board at one moment, onto the robot's centre of gravity. With m = 1 / (K7 r), I of K8
+// and a = K5 (K7 holds no other mass, so a seems smaller by the share of the wheels' rotation):
+//   m + mass,  I + inertia + mass a^2,  K5 stays,  the body's part of K6 grows with the mass.
+struct PayloadStep {
+    static constexpr std::array<EffectParameterInfo, 3> parameters{{
+        {"time_s", "s", 0.0, 1e6, "when it comes, after the beginning"},
+        {"mass_kg", "kg", -1000.0, 10000.0, "its mass"},
+        {"inertia_kg_m2", "kg m^2", -1000.0, 10000.0, "its inertia about its own vertical axis"},
+    }};
+    static constexpr EffectInfo info{"payload_step",
+                                     "a load that is put on or taken off while the robot drives",
+                                     "parallel-axis theorem", parameters};
+
+    // The robot with the load on board.
+    template <typename Real>
+    static constexpr Dynamics<Real> loaded(const Parameters<Real>& p, const Geometry<Real>& g,
+                                           const Dynamics<Real>& k) {
+        const Real r = g.mean_radius_m();
+        const Real moment = p[1] * k.k5_m;
+        const Real mass = 1 / (k.k7_per_kg_m * r);
+        const Real inertia = g.track_m / (2 * r * k.k8_per_kg_m2);
+        const Real all_mass = mass + p[1];
+        const Real all_inertia = inertia + p[2] + moment * k.k5_m;
+        return {(k.k5_m * mass + moment) / all_mass, (k.k6_per_m * inertia - moment) / all_inertia,
+                1 / (all_mass * r), g.track_m / (2 * r * all_inertia)};
+    }
+};
+
+}  // namespace wheelwright::model

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <array>
+
+#include "firmware/model/effect.hpp"
+#include "firmware/model/exponential.hpp"
+
+namespace wheelwright::model {
+
+// Dry friction that is largest at rest: tau = -limit sign(speed), |tau| <= limit at rest, on both wheels
+// alike, with limit = coulomb + (static - coulomb) exp(-(speed / stribeck)^2).
+struct StribeckFriction {
+    static constexpr std::array<EffectParameterInfo, 3> parameters{{
+        {"coulomb_Nm", "Nm", 0.0, 100.0, "dry friction torque of each wheel at speed"},
+        {"static_Nm", "Nm", 0.0, 100.0, "dry friction torque of each wheel at rest"},
+        {"stribeck_rad_per_s", "rad/s", 0.0, 1000.0, "wheel speed over which it falls from one to the other"},
+    }};
+    static constexpr EffectInfo info{"stribeck_friction",
+                                     "dry friction that is larger at rest and creeping than at speed",
+                                     "Stribeck (1902); exponential form of Bo, Pavelescu (1982)", parameters};
+
+    // What friction opposes sliding at this speed with, at most; of the first or the second wheel.
+    template <typename Real>
+    static constexpr Real dry_limit(const Parameters<Real>& p, Real sliding_speed_rad_per_s) {
+        if (!(p[2] > 0)) return p[0];
+        const Real ratio = sliding_speed_rad_per_s / p[2];
+        return p[0] + (p[1] - p[0]) * exp_minus(ratio * ratio);
+    }
+};
+
+}  // namespace wheelwright::model

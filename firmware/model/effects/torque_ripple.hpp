@@ -1,0 +1,30 @@
+#pragma once
+
+#include <array>
+
+#include "firmware/model/effect.hpp"
+#include "firmware/model/sine_cosine.hpp"
+
+namespace wheelwright::model {
+
+// Torque that a motor's poles and slots, or a gear, add with the wheel's angle:
+//   tau = u + amplitude sin(order angle + phase), on both wheels alike.
+struct TorqueRipple {
+    static constexpr std::array<EffectParameterInfo, 3> parameters{{
+        {"amplitude_Nm", "Nm", 0.0, 100.0, "largest torque of the ripple"},
+        {"order", "", 0.0, 10000.0, "periods in a turn of the wheel"},
+        {"phase_rad", "rad", -3.15, 3.15, "phase at the wheel's angle 0"},
+    }};
+    static constexpr EffectInfo info{"torque_ripple", "torque that swings with the wheel's angle",
+                                     "cogging torque as one harmonic, Hanselman (1994)", parameters};
+
+    static constexpr int path_place = 90;
+    template <typename Real>
+    struct Memory {};
+    template <typename Real>
+    static constexpr Real deliver(const Parameters<Real>& p, Memory<Real>&, const PathInstant<Real>& at) {
+        return at.torque_Nm + p[0] * sine_cosine(p[1] * at.angle_rad + p[2]).sine;
+    }
+};
+
+}  // namespace wheelwright::model
