@@ -8,6 +8,11 @@
 // gravity is off the middle line or the wheels differ. For equal wheels this is eq (42), (43) with
 // K7 = 1 / (M11 r), K8 = b / (2 r M22), K5 = c / M11, K6 = d / M22.
 //
+// Effects that change the robot or the torque's way are the robot's own here: radii, lateral centre of
+// gravity, payload and motors behind backlash go into geometry and M, the way's effects stand before the
+// wheels. Only tyres that slip give the wheels a motion of their own: then J w' = torque - radius force for
+// each wheel, with the tyres' forces and all dry friction solved together, in short implicit steps.
+//
 // One step is a midpoint step of everything smooth, each half followed by the dry torques as a
 // complementarity problem (each is at its limit against the sliding, or inside its limits and nothing slides;
 // Moreau's time stepping), solved by projected Gauss-Seidel from the last solution. A step in which sliding
@@ -17,9 +22,11 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
+#include "firmware/model/torque_path.hpp"
 #include "firmware/model/types.hpp"
 
 namespace wheelwright::sim {
@@ -32,6 +39,8 @@ struct PlantParameters {
     double centrifugal_kg_m = 0;    // c: mass times distance of the centre of gravity ahead of the axle
     double coriolis_kg_m = 0;       // d: minus the same in physical robots
     model::EffectSet<double> effects;
+    double wheel_inertia_kg_m2 = 0;  // of one wheel, part of M; used where tyres slip. 0: a tenth of M11
+    double span_s = 60;              // over which a linear gain drift takes its whole loss
 };
 
 // K7 and K8 must be positive. K5 and K6 are taken as they are, coupled or not.
@@ -83,16 +92,23 @@ class Plant {
     // Puts the state; wheel angles stay.
     void place(const Pose<double>& pose, const Twist<double>& twist);
 
+    // As given: without what effects make of them.
     const PlantParameters& parameters() const { return parameters_; }
+    // With unequal radii, payload on board, lateral centre of gravity, and without motors behind backlash.
+    const PlantParameters& actual() const { return actual_; }
     const Pose<double>& pose() const { return pose_; }  // heading not wrapped
     const Twist<double>& twist() const { return twist_; }
     const WheelPair<double>& wheel_speed_rad_per_s() const { return speed_; }
     const WheelPair<double>& wheel_angle_rad() const { return angle_; }
+    double time_s() const { return time_s_; }  // of all steps so far
+    // Speed of each tyre over the floor, along its rolling direction: 0 without the effect wheel_slip.
+    WheelPair<double> slip_m_per_s() const;
     PlantTorques torques() const { return {motor_Nm_, smooth_Nm_, dry_torque_Nm()}; }
     bool at_rest() const { return speed_.left == 0 && speed_.right == 0; }
     double kinetic_energy_J() const;
 
   private:
+    using BodyForce = model::BodyForce<double>;
     struct Matrix {  // rows: left, right wheel
         double a11 = 0, a12 = 0, a21 = 0, a22 = 0;
     };
@@ -102,6 +118,17 @@ class Plant {
         double limit_Nm = 0;
         double compliance = 0;  // sliding acceleration per unit of lambda
         double lambda_Nm = 0;   // the solution of the last step
+        // In the form of slipping tyres, where a direction may also be one of the body:
+        BodyForce body;
+        bool on_body = false;
+        enum class Law : std::uint8_t { constant, stribeck, castor } law = Law::constant;
+        unsigned which = 0;  // of the law's directions
+    };
+    struct Contact {  // of a tyre that slips
+        BodyForce on_body;
+        double radius_m = 0;
+        double compliance = 0;  // slip per impulse
+        double force_N = 0;
     };
 
     template <bool kWheelsOnly>
@@ -109,7 +136,16 @@ class Plant {
                                                                  const WheelPair<double>& torque_Nm,
                                                                  double since_s,
                                                                  WheelPair<double>& smooth_Nm) const;
-    [[gnu::noinline]] WheelPair<double> delivered_torque_Nm(const WheelPair<double>& torque_Nm) const;
+    void derive_actual();
+    void list_dry();
+    void derive_slip();
+    void renew_dry();
+    void set_direction(DryEffect& dry, const WheelPair<double>& direction) const;
+    [[gnu::noinline]] void advance_with_all(double dt_s, const WheelPair<double>& torque_Nm);
+    double step_slipping(double rest_s, const WheelPair<double>& torque_Nm);
+    double lateral_slope_Nm(const model::EffectContext<double>& context) const;
+    static Matrix inverse_of(double a11, double a12, double a22);
+    Twist<double> body_response(const BodyForce& push) const;
     double step(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut);
     [[gnu::noinline]] double step_sticking(double dt_s, const WheelPair<double>& torque_Nm, bool may_cut,
                                            WheelPair<double>& speed, WheelPair<double>& smooth_Nm);
@@ -122,16 +158,35 @@ class Plant {
     void advance_pose(double distance_m, double turn_rad);
     Twist<double> twist_of(const WheelPair<double>& speed) const;
 
+    static constexpr std::size_t kMostDry = model::kMaxColumns + 4;  // with Stribeck's and the castor's
+
     PlantParameters parameters_;
     Disturbance disturbance_;
     // Derived from parameters_.
-    model::Dynamics<double> dynamics_;  // as the effects see it
-    bool wheels_only_ = true;           // no smooth effect but on each wheel by itself: the usual, quick case
-    bool torque_path_ = false;          // an effect changes the torque on its way to the wheels
-    Matrix from_torque_;                // wheel acceleration per wheel torque: G M^-1 G^T
-    Matrix from_force_;                 // wheel acceleration per body force: G M^-1; columns: forward, yaw
-    std::array<DryEffect, model::kMaxColumns> dry_{};
+    PlantParameters actual_;
+    model::EffectSet<double> path_effects_;  // with the bias, where it is part of the way
+    double lateral_m_ = 0;                   // of the centre of gravity
+    model::Dynamics<double> dynamics_;       // as the effects see it
+    bool wheels_only_ = true;   // no smooth effect but on each wheel by itself: the usual, quick case
+    bool plain_ = true;         // none but smooth and dry effects of constant size
+    bool torque_path_ = false;  // an effect changes the torque on its way to the wheels
+    bool dry_changes_ = false;  // friction whose size or direction changes
+    bool slips_ = false;
+    bool castor_turns_ = false;
+    double payload_s_ = -1;  // when it comes; negative: none
+    bool loaded_ = false;
+    Matrix from_body_;  // body acceleration per force without the wheels' inertia; used where tyres slip
+    double slip_inertia_kg_m2_ = 0;
+    double slip_load_N_ = 0;
+    std::array<Contact, 2> contact_;
+    Matrix from_torque_;  // wheel acceleration per wheel torque: G M^-1 G^T
+    Matrix from_force_;   // wheel acceleration per body force: G M^-1; columns: forward, yaw
+    std::array<DryEffect, kMostDry> dry_{};
     std::size_t dry_count_ = 0;
+
+    double time_s_ = 0;
+    std::array<model::PathMemory<double>, 2> path_memory_;  // left, right
+    model::CastorDrag::Memory<double> castor_;
 
     WheelPair<double> speed_;
     WheelPair<double> angle_;

@@ -39,6 +39,7 @@ std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
 SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     : config_(config), random_(config.seed, config.stream) {
     ideal_encoder_ = config.counts_per_turn <= 0;
+    plain_report_ = config.report_counts_per_wheel_turn <= 0 && config.report_lag_s <= 0;
     if (ideal_encoder_) config_.counts_per_turn = 1;
     counts_per_rad_ = config.sign * config.gear_ratio * config_.counts_per_turn / kTwoPi;
     // A 16-bit uniform number has the standard deviation sqrt((65536^2 - 1) / 12).
@@ -271,6 +272,10 @@ void SimOdrive::millisecond(double wheel_angle_rad, double wheel_speed_rad_per_s
         axis_state_ = kClosedLoop;
         arming_done_ns_ = 0;
     }
+    if (!plain_report_) {
+        model::MeasurementLag::report_speed({config_.report_lag_s}, report_memory_, velocity_estimate_,
+                                            static_cast<double>(period_ps_) * 1e-12);
+    }
     check_watchdog(now_ns);
     if (armed()) {
         extra_wheel_Nm_ = config_.torque_noise_Nm * random_.gaussian_fast();
@@ -396,8 +401,21 @@ void SimOdrive::send_heartbeat(drivers::FrameSink& out) const {
 
 void SimOdrive::send_encoder(drivers::FrameSink& out) const {
     gen6::GetEncoderEstimates estimates;  // the same in both generations
-    estimates.pos_estimate_rev = static_cast<float>(position_estimate_ / config_.counts_per_turn);
-    estimates.vel_estimate_rev_per_s = static_cast<float>(velocity_estimate_ / config_.counts_per_turn);
+    double turns = position_estimate_ / config_.counts_per_turn;
+    double turns_per_s = velocity_estimate_ / config_.counts_per_turn;
+    if (!plain_report_) {
+        if (config_.report_lag_s > 0)
+            turns_per_s = report_memory_.reported_rad_per_s / config_.counts_per_turn;
+        if (config_.report_counts_per_wheel_turn > 0) {
+            const double counts = config_.report_counts_per_wheel_turn / config_.gear_ratio;
+            turns = floor_of(turns * counts) / counts;
+            model::EncoderQuantisation::Memory<double> none;
+            turns_per_s =
+                model::EncoderQuantisation::report_speed({counts}, none, kTwoPi * turns_per_s, 1e-3) / kTwoPi;
+        }
+    }
+    estimates.pos_estimate_rev = static_cast<float>(turns);
+    estimates.vel_estimate_rev_per_s = static_cast<float>(turns_per_s);
     send(estimates, out);
 }
 

@@ -24,6 +24,7 @@
 #include <cstdint>
 
 #include "drivers/motor_drive.hpp"
+#include "firmware/model/effects.hpp"
 #include "hal/can_bus.hpp"
 #include "sim_hal/random.hpp"
 
@@ -47,6 +48,9 @@ struct SimOdriveConfig {
     double counts_per_turn = 8192;      // 0: an ideal encoder
     double encoder_noise_rad = 0.0002;  // standard deviation of each reading, at the wheel
     double filter_bandwidth_rad_per_s = 1000;
+    // Its reports only: the effects encoder_quantisation and measurement_lag.
+    double report_counts_per_wheel_turn = 0;  // 0: not rounded
+    double report_lag_s = 0;                  // of the speed; 0: none
     // Cyclic messages; 0: off.
     std::int32_t heartbeat_period_ms = 100;
     std::int32_t encoder_period_ms = 1;
@@ -181,6 +185,8 @@ class SimOdrive {
     bool was_frozen_ = false;
     double position_estimate_ = 0;
     double velocity_estimate_ = 0;  // counts/s
+    bool plain_report_ = true;
+    model::MeasurementLag::Memory<double> report_memory_;  // in counts/s as well
 
     // The drive's clock.
     std::int64_t period_ps_ = 0;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <string_view>
 
 namespace wheelwright::sim {
 
@@ -24,6 +25,12 @@ SimOdriveConfig sim_odrive_config(const model::RobotParameters& truth, const Wor
     c.counts_per_turn = options.encoder_counts_per_turn;
     c.encoder_noise_rad = options.encoder_noise_rad;
     c.filter_bandwidth_rad_per_s = options.filter_bandwidth_rad_per_s;
+    const auto reports = [&truth](std::string_view effect) {
+        const std::size_t i = model::find_effect(effect);
+        return truth.effects.active[i] ? truth.effects.parameter[i][0] : 0;
+    };
+    c.report_counts_per_wheel_turn = reports(model::EncoderQuantisation::info.name);
+    c.report_lag_s = reports(model::MeasurementLag::info.name);
     c.heartbeat_period_ms = truth.drive.heartbeat_period_ms;
     c.encoder_period_ms = truth.drive.encoder_period_ms;
     c.torque_period_ms = truth.drive.torque_period_ms;

@@ -41,11 +41,11 @@ template <typename Real, typename Stages>
 struct PathMemoryOf;
 template <typename Real, std::size_t... kStage>
 struct PathMemoryOf<Real, std::index_sequence<kStage...>> {
-    using type = std::tuple<typename PathEffect<kStage>::template Memory<Real>...>;
+    using Type = std::tuple<typename PathEffect<kStage>::template Memory<Real>...>;
 };
 // What the effects on one wheel's way remember. In double about 3 KB, the delay's.
 template <typename Real>
-using PathMemory = typename PathMemoryOf<Real, std::make_index_sequence<kPathEffects>>::type;
+using PathMemory = typename PathMemoryOf<Real, std::make_index_sequence<kPathEffects>>::Type;
 
 // Whether one of the effects that are active is on the way.
 constexpr bool changes_torque_path(const std::array<bool, kEffectCount>& active) {

@@ -260,6 +260,33 @@ TEST(SimDrive, encoder_position_is_quantised_to_counts_with_the_error_of_roundin
     DOUBLES_EQUAL(std::sqrt(1.0 / 6), rms, 0.05);
 }
 
+TEST(SimDrive, reports_may_come_in_counts_of_a_coarse_encoder) {
+    SimOdriveConfig c = config(6);
+    c.counts_per_turn = 0;
+    c.report_counts_per_wheel_turn = 1024;
+    Bench b(c);
+    b.speed = 5.3;
+    b.advance_ms(100);
+    const double motor_step = c.gear_ratio / (1024 * 0.010);  // turns a second
+    const double true_speed = -5.3 * c.gear_ratio / kTwoPi;
+    DOUBLES_EQUAL(motor_step * std::round(true_speed / motor_step), float_at(b.out.last[9], 4), 1e-5);
+    const double counts = float_at(b.out.last[9], 0) * 1024 / c.gear_ratio;
+    DOUBLES_EQUAL(std::round(counts), counts, 1e-3);
+    DOUBLES_EQUAL(b.angle * 1024 / kTwoPi, -counts, 7);
+}
+
+TEST(SimDrive, a_speed_may_be_reported_late) {
+    SimOdriveConfig c = config(6);
+    c.counts_per_turn = 0;
+    c.report_lag_s = 0.05;
+    Bench b(c);
+    b.speed = -5.3;
+    b.advance_ms(120);
+    // behind the drive's own filter of 2 ms
+    const double settled = 1 - std::exp(-(0.120 - 0.002) / 0.05);
+    DOUBLES_EQUAL(settled * 5.3 * c.gear_ratio / kTwoPi, float_at(b.out.last[9], 4), 0.02);
+}
+
 TEST(SimDrive, encoder_noise_reaches_the_speed_as_the_filter_says) {
     SimOdriveConfig c = config(6);
     c.counts_per_turn = 0;

@@ -234,6 +234,34 @@ TEST(SimWorld, a_payload_dropped_on_while_driving_changes_the_acceleration_only)
     DOUBLES_EQUAL(1.3, (v1 - v0) / (b.world.twist().v_m_per_s - v1), 0.001);
 }
 
+TEST(SimWorld, the_robot_files_effects_are_the_robots) {
+    model::RobotParameters p = truth();
+    p.dynamics.k5_m = p.dynamics.k6_per_m = 0;
+    p.geometry.wheel_radius_m = {0.075, 0.075};
+    const auto add = [&](const char* name, const model::Parameters<double>& parameters) {
+        p.effects.active[model::find_effect(name)] = true;
+        p.effects.parameter[model::find_effect(name)] = parameters;
+    };
+    add("torque_saturation", {0.4});
+    const double mass = 1 / (1.31 * 0.075);
+    add("payload_step", {0.2, 0.5 * mass, 0.01});
+    add("encoder_quantisation", {2048});
+    add("measurement_lag", {0.03});
+    Bench b(p, quiet());
+    b.arm();
+    b.drive(60, 0.9, 0.9);
+    const double v0 = b.world.twist().v_m_per_s;
+    b.drive(100, 0.9, 0.9);
+    const double v1 = b.world.twist().v_m_per_s;
+    DOUBLES_EQUAL(1.31 * 0.8 * 0.1, v1 - v0, 1e-9);
+    b.drive(60, 0.9, 0.9);
+    const double v2 = b.world.twist().v_m_per_s;
+    b.drive(100, 0.9, 0.9);
+    DOUBLES_EQUAL(1.31 / 1.5 * 0.8 * 0.1, b.world.twist().v_m_per_s - v2, 1e-9);
+    DOUBLES_EQUAL(2048, b.world.left().config().report_counts_per_wheel_turn, 0);
+    DOUBLES_EQUAL(0.03, b.world.right().config().report_lag_s, 0);
+}
+
 TEST(SimWorld, after_a_pause_of_the_machine_old_telemetry_is_not_sent_in_a_burst) {
     Bench b(truth(), quiet());
     b.ms(20);
