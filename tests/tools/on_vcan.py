@@ -1,5 +1,6 @@
 """ctl, monitor and record on a real vcan0, against a pretended firmware that knows only canmatrix and the
 kernel. Run by toolchain/uml/with-vcan where there is no vcan0. Usage: on_vcan.py PROGRAM SOURCE_FOLDER"""
+import json
 import os
 import re
 import signal
@@ -140,6 +141,29 @@ class OnVcan(unittest.TestCase):
         self.assertEqual(struct.unpack("<hh", frames[0][1][2:6]), (500, -500))
         run("ctl", "--can", "vcan0", "torque", "1", "2", "--for", "0.5", "--rate", "100")
         self.assertTrue(25 <= len(self.firmware.of("TorqueCommand", 25)) <= 52)
+
+    def test_an_advised_motion_is_driven_until_the_robot_leaves_it(self):
+        with tempfile.NamedTemporaryFile("w", suffix=".json") as advice:
+            json.dump({"advice": [{"tell": "a", "from": "b", "name": "creep", "torque_Nm": 2.0}]}, advice)
+            advice.flush()
+            arguments = ("excite", "--advice", advice.name, "--robot", os.path.join(SOURCE, "tools/robots/default.toml"),
+                         "--can", "vcan0", "--json", advice.name + ".out")
+            process = subprocess.Popen([PROGRAM, *arguments, "--yes"], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                                       text=True)
+            self.firmware.of("TorqueCommand", 40)
+            self.firmware.state = 8
+            _, err = process.communicate(timeout=30)
+            with open(advice.name + ".out", encoding="utf-8") as file:
+                size = json.load(file)["motion"]["torque_Nm"]
+            os.unlink(advice.name + ".out")
+            self.assertEqual(process.returncode, 3, err)
+            self.assertIn("the robot has left torque: state fault", err)
+            self.assertEqual(subprocess.run([PROGRAM, *arguments], input="n\n", text=True, capture_output=True).returncode, 3)
+            os.unlink(advice.name + ".out")
+        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 2)], [2, 1])
+        torques = [struct.unpack("<hh", data[2:6]) for _, data in self.firmware.of("TorqueCommand")]
+        self.assertEqual(torques[0], (0, 0))
+        self.assertEqual(set(torques[10:30]), {(round(size / 4 * 1000), round(size / 4 * 1000))})
 
     def test_repetition_ends_when_the_mode_is_refused_or_left(self):
         arguments = ("ctl", "--can", "vcan0", "velocity", "0.25", "0", "--for", "20", "--enter")

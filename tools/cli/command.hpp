@@ -35,6 +35,7 @@ std::span<const AddCommand> commands();
 void add_check(CLI::App& program, Run& run);
 void add_ctl(CLI::App& program, Run& run);
 void add_demo(CLI::App& program, Run& run);
+void add_excite(CLI::App& program, Run& run);
 void add_gap(CLI::App& program, Run& run);
 void add_gap_trials(CLI::App& program, Run& run);
 void add_ident(CLI::App& program, Run& run);

@@ -13,31 +13,22 @@
 #include "tools/cli/message_text.hpp"
 #include "tools/cli/number_checks.hpp"
 #include "tools/cli/parameter_names.hpp"
-#include "tools/ctl/frames.hpp"
+#include "tools/ctl/link.hpp"
 
 namespace wheelwright::tools {
 namespace {
 
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
-constexpr std::int64_t kLongestArming_ns = 4 * kSecond_ns;
-// Alive counters of separate calls come from the clock, one step in so many nanoseconds; a round of 15 is
-// longer than the 500 ms over which the firmware remembers the last one.
-constexpr std::int64_t kAliveSlot_ns = 40'000'000;
 
-struct Options {
-    std::string interface = "can0";
+struct Options : LinkOptions {
     bool print = false;
-    int alive = -1;  // -1: chosen
     double rate_Hz = 0;
     double for_s = 0;
     bool enter = false;
     bool no_wait = false;
 };
 
-int complain(int status, const std::string& text) {
-    std::fprintf(stderr, "wheelwright ctl: %s\n", text.c_str());
-    return status;
-}
+int complain(int status, const std::string& text) { return LinkOptions{}.complain(status, text); }
 
 template <typename Enum, std::size_t size>
 std::optional<Enum> by_name(const std::array<Enum, size>& values, const std::string& name) {
@@ -57,89 +48,6 @@ std::string names_of(const std::array<Enum, size>& values, std::size_t first = 0
     return text;
 }
 
-// Talks to one firmware: sends with fresh counters, listens to what it says.
-class Link {
-  public:
-    explicit Link(const Options& options) : options_(options) {}
-
-    // kDone, or the exit status.
-    int open() {
-        int status = kDone;
-        first_alive_ = options_.alive >= 0 ? static_cast<std::uint8_t>(options_.alive) : alive_of_slot();
-        bus_ = open_can(options_.interface, status);
-        if (bus_ != nullptr) {
-            constexpr std::uint32_t kWhole = 0x7FF;
-            bus_->set_filters(std::array{hal::CanFilter{protocol::Status::id, kWhole, false},
-                                         hal::CanFilter{protocol::ParameterReply::id, kWhole, false}});
-        }
-        return status;
-    }
-
-    // Of another call of this program within the same slot the firmware would refuse the counter.
-    static void leave_slot() { sleep_until((can_now_ns() / kAliveSlot_ns + 1) * kAliveSlot_ns); }
-
-    int send(const Command& command) {
-        hal::CanFrame frame;
-        if (const std::string wrong = command.make(next_alive(command), frame); !wrong.empty()) {
-            return complain(kUsage, wrong);
-        }
-        if (const std::string failed = send_frame(*bus_, frame); !failed.empty()) {
-            return complain(kMachineLacks, options_.interface + ": " + failed);
-        }
-        return kDone;
-    }
-
-    // Waits for the next message of this kind; nothing when none comes in time.
-    template <typename Message>
-    std::optional<Message> wait_for(std::int64_t deadline_ns) {
-        hal::ReceivedFrame received;
-        while (receive_until(*bus_, received, deadline_ns)) {
-            const hal::CanFrame& frame = received.frame;
-            if (frame.extended || frame.error || frame.remote || frame.id != Message::id) continue;
-            Message message;
-            if (Message::decode(std::span(frame.data.data(), frame.length), message) ==
-                protocol::CodecStatus::ok) {
-                return message;
-            }
-        }
-        return std::nullopt;
-    }
-
-    // What came before the command says nothing about its effect.
-    void forget_received() {
-        hal::ReceivedFrame received;
-        for (int i = 0; i < 100'000 && bus_->receive(received) == hal::CanStatus::ok; ++i) {
-        }
-    }
-
-  private:
-    static std::uint8_t alive_of_slot() {
-        return static_cast<std::uint8_t>((can_now_ns() / kAliveSlot_ns) %
-                                         std::int64_t{protocol::alive_count});
-    }
-
-    // Set-points count up. What comes once has the counter of its slot, and each slot serves one such frame
-    // of a kind, so that no call repeats what another one has sent just before.
-    std::uint8_t next_alive(const Command& command) {
-        for (auto& [known, alive] : alive_) {
-            if (known != command.name) continue;
-            if (command.period_s > 0 || options_.alive >= 0) return alive = protocol::next_alive(alive);
-            while (alive_of_slot() == alive) leave_slot();
-            return alive = alive_of_slot();
-        }
-        // Frames that belong together begin with one counter.
-        const bool counts = command.period_s > 0 || options_.alive >= 0;
-        const std::uint8_t first = counts ? first_alive_ : alive_of_slot();
-        alive_.emplace_back(command.name, first);
-        return first;
-    }
-
-    const Options& options_;
-    std::unique_ptr<hal::SocketCanBus> bus_;
-    std::uint8_t first_alive_ = 0;
-    std::vector<std::pair<std::string, std::uint8_t>> alive_;
-};
-
 int print_frames(const Options& options, const std::vector<Command>& commands) {
     for (const Command& command : commands) {
         hal::CanFrame frame;
@@ -150,15 +58,6 @@ int print_frames(const Options& options, const std::vector<Command>& commands) {
         std::printf("cansend %s %s\n", options.interface.c_str(), frame_text(frame).c_str());
     }
     return kDone;
-}
-
-std::string status_text(const protocol::Status& status) {
-    std::string text = "state " + std::string(to_string_view(status.state));
-    if (status.fault != protocol::Fault::none) text += ", fault " + std::string(to_string_view(status.fault));
-    if (status.blocker != protocol::Blocker::none) {
-        text += ", blocked by " + std::string(to_string_view(status.blocker));
-    }
-    return text;
 }
 
 // Waits until the state is `wanted`. Arming the drives takes a while; a refusal is final.
@@ -187,12 +86,6 @@ int await_state(Link& link, protocol::Mode wanted) {
                                     status_text(*last));
 }
 
-Command mode_command(protocol::Mode mode) {
-    protocol::ModeCommand message;
-    message.mode = mode;
-    return command_of(message);
-}
-
 int send_mode(const Options& options, protocol::Mode mode) {
     const Command command = mode_command(mode);
     if (options.print) return print_frames(options, {command});
@@ -205,55 +98,6 @@ int send_mode(const Options& options, protocol::Mode mode) {
     Link::leave_slot();
     return result;
 }
-
-// Follows the robot into a mode and through it while set-points are repeated. Arming the drives takes a
-// while; a refusal is final, and so is that the robot has left the mode again.
-class ModeWatch {
-  public:
-    ModeWatch(protocol::Mode wanted, std::int64_t asked_ns) : wanted_(wanted), asked_ns_(asked_ns) {}
-
-    // What Status says until `deadline_ns`; false as soon as there is no need to go on.
-    bool follow(Link& link, std::int64_t deadline_ns) {
-        while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
-            last_ = status;
-            heard_ns_ = can_now_ns();
-            if (status->state == wanted_) {
-                entered_ = true;
-            } else if (entered_) {
-                return false;
-            } else if (heard_ns_ > asked_ns_ + kSecond_ns / 4) {
-                const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
-                                    status->blocker == protocol::Blocker::none;
-                if (!arming || heard_ns_ > asked_ns_ + kLongestArming_ns) return false;
-            }
-        }
-        return true;
-    }
-
-    bool in_fault() const { return last_.has_value() && last_->state == protocol::Mode::fault; }
-
-    // What became of it.
-    int result() const {
-        if (!last_.has_value()) {
-            return complain(kAimMissed,
-                            "sent, but no Status frame came back: is the firmware running there?");
-        }
-        if (can_now_ns() > heard_ns_ + kSecond_ns / 2) {
-            return complain(kAimMissed, "the firmware has gone: its Status frames have ceased");
-        }
-        if (last_->state == wanted_) return kDone;
-        return complain(kAimMissed,
-                        std::string(entered_ ? "the robot has left " : "the robot did not enter ") +
-                            std::string(to_string_view(wanted_)) + ": " + status_text(*last_));
-    }
-
-  private:
-    protocol::Mode wanted_;
-    std::int64_t asked_ns_;
-    bool entered_ = false;
-    std::optional<protocol::Status> last_;
-    std::int64_t heard_ns_ = 0;
-};
 
 // Sends a command once, or a set-point again and again; with --enter in its mode, and idle at the end.
 int send_commands(const Options& options, const std::vector<Command>& commands,
@@ -295,7 +139,7 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
         }
     } while (!interrupted() && can_now_ns() < end_ns);
     int result = kDone;
-    if (enter && !options.no_wait) result = repeat ? watch->result() : await_state(link, *mode);
+    if (enter && !options.no_wait) result = repeat ? watch->result(options) : await_state(link, *mode);
     // In a fault it would be refused, and hide what was refused before.
     if (enter && repeat && !watch->in_fault()) {
         const int status = link.send(mode_command(protocol::Mode::idle));
@@ -303,43 +147,6 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     }
     Link::leave_slot();
     return result;
-}
-
-Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value) {
-    protocol::ParameterRequest message;
-    message.operation = operation;
-    message.index = index;
-    message.value = value;
-    return command_of(message);
-}
-
-std::string result_text(protocol::ParameterResult result) {
-    using protocol::ParameterResult;
-    std::string text(to_string_view(result));
-    if (result == ParameterResult::read_only) text += ": only the robot file sets it, at the start";
-    if (result == ParameterResult::not_now) text += ": it may change in the idle mode only";
-    if (result == ParameterResult::nothing_staged) text += ": write parameters first";
-    return text;
-}
-
-// Sends a request until its reply comes, three times at most.
-std::optional<protocol::ParameterReply> ask(Link& link, protocol::ParameterOperation operation,
-                                            std::uint16_t index, float value, int& status) {
-    for (int attempt = 0; attempt < 3; ++attempt) {
-        status = link.send(parameter_request(operation, index, value));
-        if (status != kDone) return std::nullopt;
-        const std::int64_t deadline_ns = can_now_ns() + kSecond_ns / 4;
-        while (const auto reply = link.wait_for<protocol::ParameterReply>(deadline_ns)) {
-            const bool about_this = operation == protocol::ParameterOperation::read ||
-                                            operation == protocol::ParameterOperation::write
-                                        ? reply->index == index
-                                        : true;
-            if (reply->operation == operation && about_this) return reply;
-        }
-        if (interrupted()) break;
-    }
-    status = complain(kAimMissed, "no reply came back: is the firmware running there?");
-    return std::nullopt;
 }
 
 int run_parameter(const Options& options, protocol::ParameterOperation operation,
@@ -364,21 +171,12 @@ int run_parameter(const Options& options, protocol::ParameterOperation operation
     if (const int status = link.open(); status != kDone) return status;
     int status = kDone;
     const auto run_one = [&](ParameterOperation what) {
-        link.forget_received();
-        const auto reply = ask(link, what, index, value, status);
+        const auto reply = link.ask(what, index, value, status);
         if (!reply.has_value()) return;
         const std::string name = parameter.has_value() && what != ParameterOperation::commit
                                      ? parameter->key
                                      : std::string(to_string_view(what));
-        auto result = reply->result;
-        if (result == protocol::ParameterResult::save_started) {
-            const auto later = link.wait_for<protocol::ParameterReply>(can_now_ns() + 10 * kSecond_ns);
-            if (!later.has_value()) {
-                status = complain(kAimMissed, "save: begun, but its end was not reported");
-                return;
-            }
-            result = later->result;
-        }
+        const protocol::ParameterResult result = reply->result;
         if (result != protocol::ParameterResult::ok) {
             status = complain(kAimMissed, name + ": " + result_text(result));
         } else if (parameter.has_value() && what != ParameterOperation::commit) {
@@ -401,14 +199,6 @@ int list_parameters() {
                     parameter.meaning.c_str());
     }
     return kDone;
-}
-
-// The float to send: the nearest one, or the next inside the range when rounding has left it.
-float float_within(double value, double minimum, double maximum) {
-    auto single = static_cast<float>(value);
-    if (static_cast<double>(single) > maximum) single = std::nextafter(single, -HUGE_VALF);
-    if (static_cast<double>(single) < minimum) single = std::nextafter(single, HUGE_VALF);
-    return single;
 }
 
 using Shared = std::shared_ptr<Options>;

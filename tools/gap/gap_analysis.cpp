@@ -303,6 +303,7 @@ class Analysis {
         c.dynamics = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
         c.effects = effects_of(s.after);
         c.base = s.base;
+        c.after = s.after;
         c.torque_rms_Nm = train_.torque_rms_Nm;
         c.speed_rms_rad_per_s = speed_rms_;
         c.noise_rad_per_s = findings_.noise_rad_per_s;

@@ -1,5 +1,6 @@
 #include "tools/gap/gap_output.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -256,6 +257,17 @@ std::string write_robot(const Findings& f, const Request& request, const std::st
                                e.parameters[j].standard_error});
         }
         changes.push_back({table + "log", names});
+    }
+    // Effects that the given model had already were fitted anew with the rest.
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        const bool named = std::any_of(f.search.effects.begin(), f.search.effects.end(),
+                                       [&](const NamedEffect& e) { return e.effect == i; });
+        if (named || !f.effects_after.active[i]) continue;
+        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
+            const model::EffectParameterInfo& info = model::kEffects[i].parameters[j];
+            changes.push_back({"effects." + name_of(i) + "." + std::string(info.name),
+                               std::clamp(f.effects_after.parameter[i][j], info.minimum, info.maximum)});
+        }
     }
     return task::save_robot_file(path, changes);
 }

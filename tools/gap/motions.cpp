@@ -1,5 +1,6 @@
 #include "tools/gap/motions.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -13,42 +14,46 @@ using tools::MeasuredSample;
 
 // NOLINTBEGIN(readability-magic-numbers): shapes of motions
 constexpr std::array<Motion, 6> kMotions{{
-    {"creep", "reversals at a creep",
+    {"creep", "reversals at a creep", 0.15,
      [](double t, double a) {
          const double s = 0.25 * a * (std::fmod(t, 2.0) < 1 ? 1 : -1);
          return WheelPair<double>{s, s};
      }},
-    {"coast", "full torque, then coasting",
+    {"coast", "full torque, then coasting", 1,
      [](double t, double a) {
          const double s = t < 2 ? a : 0.0;
          return WheelPair<double>{s, s};
      }},
-    {"spin", "spins both ways",
+    {"spin", "spins both ways", 0.7,
      [](double t, double a) {
          const double s = 0.5 * a * (std::fmod(t, 4.0) < 2 ? 1 : -1);
          return WheelPair<double>{-s, s};
      }},
-    {"curves", "curves through all headings",
+    {"curves", "curves through all headings", 0.6,
      [](double t, double a) {
          return WheelPair<double>{0.3 * a * std::sin(0.9 * t) + 0.04 * a,
                                   0.3 * a * std::sin(0.9 * t) - 0.04 * a};
      }},
-    {"three_speeds", "out and back at three speeds",
+    {"three_speeds", "out and back at three speeds", 1,
      [](double t, double a) {
          const double s = a * (0.2 + 0.3 * std::floor(t / 4)) * std::sin(2 * 3.14159265 * t / 4);
          return WheelPair<double>{s, s};
      }},
-    {"random", "random torques on each wheel",
+    {"random", "random torques on each wheel", 0.7,
      [](double t, double a) {
          return WheelPair<double>{0.5 * a * std::sin(7.1 * t) * std::sin(1.3 * t),
                                   0.5 * a * std::sin(5.7 * t + 1) * std::sin(0.9 * t)};
      }},
 }};
-constexpr double kSizeOverRms = 2;
+constexpr double kLargestSize = 4;  // over the torque's rms
+constexpr double kSizeRatio = 0.8;
+constexpr int kSizes = 18;
+constexpr double kFastest = 2;  // wheel speed over its rms
 constexpr double kPeriod_s = 0.01;
-constexpr int kStepsPerSample = 20;
+constexpr int kStepsPerSample = 5;
 // NOLINTEND(readability-magic-numbers)
 
+// Empty: faster than it may be.
 MeasuredLog simulate(const Confusion& c, const Motion& motion, double size_Nm) {
     sim::Plant plant(sim::plant_from_dynamics(c.geometry, c.dynamics, c.effects));
     MeasuredLog log;
@@ -60,13 +65,20 @@ MeasuredLog simulate(const Confusion& c, const Motion& motion, double size_Nm) {
         sample.speed_rad_per_s = plant.wheel_speed_rad_per_s();
         for (int n = 0; n < kStepsPerSample; ++n)
             plant.advance(log.period_s / kStepsPerSample, sample.torque_Nm);
+        const double fastest =
+            std::max(std::abs(sample.speed_rad_per_s.left), std::abs(sample.speed_rad_per_s.right));
+        if (fastest > motion.speed_share * kFastest * c.speed_rms_rad_per_s) return {};
         log.samples.push_back(sample);
     }
     return log;
 }
 
-std::vector<Amount> amounts_of(std::size_t effect) {
+std::vector<Amount> amounts_of(std::size_t effect, const Fit& as_in) {
     std::vector<Amount> all;
+    for (const Amount& amount : as_in.shape.amounts) {
+        if (columns()[std::size_t(amount.columns.front())].effect == effect) all.push_back(amount);
+    }
+    if (!all.empty()) return all;
     for (int c = columns_of(effect).first; c < columns_of(effect).second; ++c) all.push_back({{c}});
     return all;
 }
@@ -83,10 +95,14 @@ const Motion* find_motion(std::string_view name) {
 }
 
 Separation separating_motion(const Confusion& c) {
-    Separation best{nullptr, kSizeOverRms * c.torque_rms_Nm};
+    Separation best;
     double least = 1;
     for (const Motion& motion : kMotions) {
-        const MeasuredLog log = simulate(c, motion, best.size_Nm);
+        double size_Nm = kLargestSize * c.torque_rms_Nm;
+        MeasuredLog log = simulate(c, motion, size_Nm);
+        for (int i = 0; i < kSizes && log.samples.empty(); ++i)
+            log = simulate(c, motion, size_Nm *= kSizeRatio);
+        if (log.samples.empty()) continue;
         BlockOptions options;
         options.geometry = c.geometry;
         options.dynamics = c.dynamics;
@@ -100,10 +116,11 @@ Separation separating_motion(const Confusion& c) {
         base.value(3) = c.dynamics.k8_per_kg_m2;
         Blocks blocks;
         for (const Block& block : set.blocks) blocks.push_back(&block);
-        const double alike = likeness(blocks, base, amounts_of(c.effect), amounts_of(c.rival));
+        const double alike =
+            likeness(blocks, base, amounts_of(c.effect, c.after), amounts_of(c.rival, c.after));
         if (alike < least) {
             least = alike;
-            best.motion = &motion;
+            best = {&motion, size_Nm};
         }
     }
     return best;

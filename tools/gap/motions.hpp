@@ -15,6 +15,7 @@ namespace wheelwright::gap {
 struct Motion {
     std::string_view name;   // in gap.json, stable
     std::string_view words;  // for people
+    double speed_share;      // of the fastest wheel speed that the robot is to reach
     WheelPair<double> (*torque_Nm)(double t_s, double size_Nm);
 };
 inline constexpr double kMotion_s = 12;  // of each
@@ -29,8 +30,9 @@ struct Confusion {
     model::Dynamics<double> dynamics;
     model::EffectSet<double> effects;  // with the one named
     Fit base;                          // without it
-    double torque_rms_Nm = 0;          // that the robot was driven with
-    double speed_rms_rad_per_s = 0;
+    Fit after;                         // with it: whether left and right are one parameter
+    double torque_rms_Nm = 0;          // that the robot was driven with, and
+    double speed_rms_rad_per_s = 0;    // the wheel speeds it had: no motion goes beyond twice that
     WheelPair<double> noise_rad_per_s;
 };
 struct Separation {

@@ -97,5 +97,80 @@ class Candump(Rig):
         self.assertEqual(status, 2, err)
 
 
+class Advice(Rig):
+    BIAS = "\n[effects.torque_bias]\nleft_Nm = 0.12\nright_Nm = 0.12\n"
+
+    def setUp(self):
+        super().setUp()
+        self.model = os.path.join(ROBOTS, "default.toml")  # friction is known to exist, and fitted anew
+        with open(os.path.join(ROBOTS, "simulated.toml"), encoding="utf-8") as file:
+            self.biased = self.write("plant.toml", file.read() + self.BIAS)
+
+    def excite(self, advice, *arguments):
+        return run("excite", "--advice", advice, "--robot", self.path("gap/robot.extended.toml"), *arguments)
+
+    def tell_apart(self, plant, seed):
+        """Straight on, a bias and a slope do the same; then the advised motion is driven. Both findings."""
+        straight = [f"velocity:{sign * speed},0,1.5" for speed in (0.8, 0.3, 1.2, 0.6, 1.5, 0.4) for sign in (1, -1)]
+        first = self.simulate(plant, "1.log", *straight, seed=seed)
+        found, out = self.gap(first, "--model", self.model)
+        self.assertEqual([{a["tell"], a["from"]} for a in found["advice"]], [{"torque_bias", "slope"}], out)
+        self.assertGreater(found["advice"][0]["torque_Nm"], 0)
+        status, out, err = self.excite(self.path("gap/gap.json"), "--plant", plant, "--log", self.path("2.log"),
+                                       "--json", self.path("excite.json"))
+        self.assertEqual(status, 0, err)
+        with open(self.path("excite.json"), encoding="utf-8") as file:
+            motion = json.load(file)["motion"]
+        self.assertEqual(motion["name"], found["advice"][0]["name"])
+        self.assertLess(motion["speed_m_per_s"], 2.5)  # the robot file's limit
+        found, out = self.gap(first, self.path("2.log"), "--model", self.model)
+        self.assertEqual(found["verdict"], "named", out)
+        return {e["name"]: {p["name"]: p["value"] for p in e["parameters"]} for e in found["effects"]}
+
+    def test_what_one_log_cannot_tell_the_advised_motion_tells(self):
+        for seed in (1, 2):
+            found = self.tell_apart(self.biased, seed)
+            self.assertEqual(list(found), ["torque_bias"])
+            for value in found["torque_bias"].values():
+                self.assertAlmostEqual(value, 0.12, delta=0.02 * 0.12)
+
+    def test_and_so_for_the_rival(self):
+        with open(os.path.join(ROBOTS, "simulated.toml"), encoding="utf-8") as file:
+            hill = self.write("hill.toml", file.read() + "\n[effects.slope]\nangle_rad = 0.03\nuphill_rad = 0.0\n")
+        for seed in (1, 2):
+            found = self.tell_apart(hill, seed)
+            self.assertEqual(list(found), ["slope"])
+            self.assertAlmostEqual(found["slope"]["angle_rad"], 0.03, delta=0.1 * 0.03)
+
+    def advice(self, **values):
+        return self.write("advice.json", json.dumps({"advice": [{"tell": "a", "from": "b", **values}]}))
+
+    def test_a_motion_that_runs_away_is_ended_before_the_robot_is_too_fast(self):
+        os.mkdir(self.path("gap"))
+        self.write("gap/robot.extended.toml", without_effects("default.toml"))
+        # downhill, which this model does not know
+        plant = self.plant("\n[effects.slope]\nangle_rad = 0.05\nuphill_rad = 3.14\n")
+        status, _, err = self.excite(self.advice(name="coast", torque_Nm=0.5), "--plant", plant, "--log",
+                                     self.path("x.log"), "--rounds", 2)
+        self.assertEqual((status, err), (0, ""))
+
+    def test_wrong_advice_is_refused(self):
+        os.mkdir(self.path("gap"))
+        self.write("gap/robot.extended.toml", without_effects("default.toml"))
+        to = ("--plant", self.biased, "--log", self.path("x.log"))
+        for advice, words in ((self.path("none.json"), "cannot be read"), (self.write("x.json", "{"), "no gap.json"),
+                              (self.write("y.json", '{"advice": []}'), "nothing to tell apart"),
+                              (self.advice(name="waltz", torque_Nm=1), "no motion of this version"),
+                              (self.advice(name="creep", torque_Nm=-1), "no motion of this version")):
+            status, _, err = self.excite(advice, *to)
+            self.assertEqual(status, 2, err)
+            self.assertIn(words, err)
+        good = self.advice(name="creep", torque_Nm=1)
+        self.assertEqual(self.excite(good, *to, "--which", 2)[0], 1)
+        self.assertEqual(self.excite(good)[0], 1)
+        self.assertEqual(self.excite(good, *to, "--can", "nocan7")[0], 1)
+        self.assertEqual(self.excite(good, "--can", "nocan7", "--yes")[0], 4)
+
+
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1], verbosity=2)

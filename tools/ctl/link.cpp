@@ -1,0 +1,180 @@
+#include "tools/ctl/link.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdio>
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+// Alive counters of separate calls come from the clock, one step in so many nanoseconds; a round of 15 is
+// longer than the 500 ms over which the firmware remembers the last one.
+constexpr std::int64_t kAliveSlot_ns = 40'000'000;
+
+}  // namespace
+
+int LinkOptions::complain(int status, const std::string& text) const {
+    std::fprintf(stderr, "%s: %s\n", program.c_str(), text.c_str());
+    return status;
+}
+
+int Link::open() {
+    int status = kDone;
+    first_alive_ = options_.alive >= 0 ? static_cast<std::uint8_t>(options_.alive) : alive_of_slot();
+    bus_ = open_can(options_.interface, status);
+    if (bus_ != nullptr) {
+        constexpr std::uint32_t kWhole = 0x7FF;
+        bus_->set_filters(std::array{hal::CanFilter{protocol::Status::id, kWhole, false},
+                                     hal::CanFilter{protocol::BodyState::id, kWhole, false},
+                                     hal::CanFilter{protocol::ParameterReply::id, kWhole, false}});
+    }
+    return status;
+}
+
+void Link::leave_slot() { sleep_until((can_now_ns() / kAliveSlot_ns + 1) * kAliveSlot_ns); }
+
+void Link::note_body(const hal::CanFrame& frame) {
+    if (frame.id != protocol::BodyState::id) return;
+    protocol::BodyState body;
+    if (protocol::BodyState::decode(std::span(frame.data.data(), frame.length), body) ==
+        protocol::CodecStatus::ok) {
+        body_ = body;
+    }
+}
+
+int Link::send(const Command& command) {
+    hal::CanFrame frame;
+    if (const std::string wrong = command.make(next_alive(command), frame); !wrong.empty()) {
+        return options_.complain(kUsage, wrong);
+    }
+    if (const std::string failed = send_frame(*bus_, frame); !failed.empty()) {
+        return options_.complain(kMachineLacks, options_.interface + ": " + failed);
+    }
+    return kDone;
+}
+
+void Link::forget_received() {
+    hal::ReceivedFrame received;
+    for (int i = 0; i < 100'000 && bus_->receive(received) == hal::CanStatus::ok; ++i) {
+    }
+}
+
+std::uint8_t Link::alive_of_slot() {
+    return static_cast<std::uint8_t>((can_now_ns() / kAliveSlot_ns) % std::int64_t{protocol::alive_count});
+}
+
+// Set-points count up. What comes once has the counter of its slot, and each slot serves one such frame
+// of a kind, so that no call repeats what another one has sent just before.
+std::uint8_t Link::next_alive(const Command& command) {
+    for (auto& [known, alive] : alive_) {
+        if (known != command.name) continue;
+        if (command.period_s > 0 || options_.alive >= 0) return alive = protocol::next_alive(alive);
+        while (alive_of_slot() == alive) leave_slot();
+        return alive = alive_of_slot();
+    }
+    // Frames that belong together begin with one counter.
+    const bool counts = command.period_s > 0 || options_.alive >= 0;
+    const std::uint8_t first = counts ? first_alive_ : alive_of_slot();
+    alive_.emplace_back(command.name, first);
+    return first;
+}
+
+std::optional<protocol::ParameterReply> Link::ask(protocol::ParameterOperation operation, std::uint16_t index,
+                                                  float value, int& status) {
+    using protocol::ParameterOperation;
+    forget_received();
+    for (int attempt = 0; attempt < 3; ++attempt) {
+        status = send(parameter_request(operation, index, value));
+        if (status != kDone) return std::nullopt;
+        const std::int64_t deadline_ns = can_now_ns() + kSecond_ns / 4;
+        while (const auto reply = wait_for<protocol::ParameterReply>(deadline_ns)) {
+            const bool about_this =
+                operation == ParameterOperation::read || operation == ParameterOperation::write
+                    ? reply->index == index
+                    : true;
+            if (reply->operation != operation || !about_this) continue;
+            if (reply->result != protocol::ParameterResult::save_started) return reply;
+            const auto later = wait_for<protocol::ParameterReply>(can_now_ns() + 10 * kSecond_ns);
+            if (!later.has_value()) {
+                status = options_.complain(kAimMissed, "save: begun, but its end was not reported");
+            }
+            return later;
+        }
+        if (interrupted()) break;
+    }
+    status = options_.complain(kAimMissed, "no reply came back: is the firmware running there?");
+    return std::nullopt;
+}
+
+bool ModeWatch::follow(Link& link, std::int64_t deadline_ns) {
+    while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
+        last_ = status;
+        heard_ns_ = can_now_ns();
+        if (status->state == wanted_) {
+            entered_ = true;
+        } else if (entered_) {
+            return false;
+        } else if (heard_ns_ > asked_ns_ + kSecond_ns / 4) {
+            const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
+                                status->blocker == protocol::Blocker::none;
+            if (!arming || heard_ns_ > asked_ns_ + kLongestArming_ns) return false;
+        }
+    }
+    return true;
+}
+
+int ModeWatch::result(const LinkOptions& options) const {
+    if (!last_.has_value()) {
+        return options.complain(kAimMissed,
+                                "sent, but no Status frame came back: is the firmware running there?");
+    }
+    if (can_now_ns() > heard_ns_ + kSecond_ns / 2) {
+        return options.complain(kAimMissed, "the firmware has gone: its Status frames have ceased");
+    }
+    if (last_->state == wanted_) return kDone;
+    return options.complain(kAimMissed,
+                            std::string(entered_ ? "the robot has left " : "the robot did not enter ") +
+                                std::string(to_string_view(wanted_)) + ": " + status_text(*last_));
+}
+
+Command mode_command(protocol::Mode mode) {
+    protocol::ModeCommand message;
+    message.mode = mode;
+    return command_of(message);
+}
+
+Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value) {
+    protocol::ParameterRequest message;
+    message.operation = operation;
+    message.index = index;
+    message.value = value;
+    return command_of(message);
+}
+
+std::string status_text(const protocol::Status& status) {
+    std::string text = "state " + std::string(to_string_view(status.state));
+    if (status.fault != protocol::Fault::none) text += ", fault " + std::string(to_string_view(status.fault));
+    if (status.blocker != protocol::Blocker::none) {
+        text += ", blocked by " + std::string(to_string_view(status.blocker));
+    }
+    return text;
+}
+
+std::string result_text(protocol::ParameterResult result) {
+    using protocol::ParameterResult;
+    std::string text(to_string_view(result));
+    if (result == ParameterResult::read_only) text += ": only the robot file sets it, at the start";
+    if (result == ParameterResult::not_now) text += ": it may change in the idle mode only";
+    if (result == ParameterResult::nothing_staged) text += ": write parameters first";
+    return text;
+}
+
+float float_within(double value, double minimum, double maximum) {
+    auto single = static_cast<float>(value);
+    if (static_cast<double>(single) > maximum) single = std::nextafter(single, -HUGE_VALF);
+    if (static_cast<double>(single) < minimum) single = std::nextafter(single, HUGE_VALF);
+    return single;
+}
+
+}  // namespace wheelwright::tools

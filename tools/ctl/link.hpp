@@ -1,0 +1,116 @@
+// The line to one firmware on a SocketCAN interface: sends commands with fresh alive counters, listens to
+// what comes back, asks for indexed parameters. What goes wrong is said on standard error, once.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "tools/cli/can_port.hpp"
+#include "tools/cli/command.hpp"
+#include "tools/ctl/frames.hpp"
+
+namespace wheelwright::tools {
+
+struct LinkOptions {
+    std::string interface = "can0";
+    int alive = -1;  // the first alive counter; -1: chosen
+    std::string program = "wheelwright ctl";
+
+    // Says it on standard error; returns the status.
+    int complain(int status, const std::string& text) const;
+};
+
+class Link {
+  public:
+    // `options` outlive the link.
+    explicit Link(const LinkOptions& options) : options_(options) {}
+
+    // kDone, or the exit status.
+    int open();
+
+    // Of another call of this program within the same slot the firmware would refuse the counter.
+    static void leave_slot();
+
+    int send(const Command& command);
+
+    // Waits for the next message of this kind; nothing when none comes in time.
+    template <typename Message>
+    std::optional<Message> wait_for(std::int64_t deadline_ns) {
+        hal::ReceivedFrame received;
+        while (receive_until(*bus_, received, deadline_ns)) {
+            const hal::CanFrame& frame = received.frame;
+            if (frame.extended || frame.error || frame.remote) continue;
+            note_body(frame);
+            if (frame.id != Message::id) continue;
+            Message message;
+            if (Message::decode(std::span(frame.data.data(), frame.length), message) ==
+                protocol::CodecStatus::ok) {
+                return message;
+            }
+        }
+        return std::nullopt;
+    }
+
+    // What came before the command says nothing about its effect.
+    void forget_received();
+
+    // Sends a request until its reply comes, three times at most; of a save, the reply that ends it. Nothing:
+    // `status` is the exit status, and why has been said.
+    std::optional<protocol::ParameterReply> ask(protocol::ParameterOperation operation, std::uint16_t index,
+                                                float value, int& status);
+
+    // How the robot moves, by what came in while waiting.
+    const protocol::BodyState& body() const { return body_; }
+
+    const LinkOptions& options() const { return options_; }
+
+  private:
+    static std::uint8_t alive_of_slot();
+    std::uint8_t next_alive(const Command& command);
+    void note_body(const hal::CanFrame& frame);
+
+    const LinkOptions& options_;
+    std::unique_ptr<hal::SocketCanBus> bus_;
+    protocol::BodyState body_;
+    std::uint8_t first_alive_ = 0;
+    std::vector<std::pair<std::string, std::uint8_t>> alive_;
+};
+
+// Follows the robot into a mode and through it while set-points are repeated. Arming the drives takes a
+// while; a refusal is final, and so is that the robot has left the mode again.
+class ModeWatch {
+  public:
+    ModeWatch(protocol::Mode wanted, std::int64_t asked_ns) : wanted_(wanted), asked_ns_(asked_ns) {}
+
+    // What Status says until `deadline_ns`; false as soon as there is no need to go on.
+    bool follow(Link& link, std::int64_t deadline_ns);
+    bool entered() const { return entered_; }
+    bool in_fault() const { return last_.has_value() && last_->state == protocol::Mode::fault; }
+    // What became of it, as an exit status; said unless it is kDone.
+    int result(const LinkOptions& options) const;
+
+  private:
+    protocol::Mode wanted_;
+    std::int64_t asked_ns_;
+    bool entered_ = false;
+    std::optional<protocol::Status> last_;
+    std::int64_t heard_ns_ = 0;
+};
+
+inline constexpr std::int64_t kLongestArming_ns = 4'000'000'000;
+
+Command mode_command(protocol::Mode mode);
+Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value);
+
+std::string status_text(const protocol::Status& status);
+std::string result_text(protocol::ParameterResult result);
+
+// The float to send: the nearest one, or the next inside the range when rounding has left it.
+float float_within(double value, double minimum, double maximum);
+
+}  // namespace wheelwright::tools
