@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "firmware/model/robot_parameters.hpp"
+#include "tools/gap/closed_loop.hpp"
 #include "tools/gap/gap_search.hpp"
 
 namespace wheelwright::gap {
@@ -55,6 +56,7 @@ struct Findings {
     model::EffectSet<double> effects_before, effects_after;
     Curve against_speed;
     Trace trace;
+    std::optional<ClosedLoop> closed_loop;  // on request, by who asks
 };
 
 Findings analyse(const Request& request);

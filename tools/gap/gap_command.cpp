@@ -4,11 +4,13 @@
 #include <filesystem>
 #include <fstream>
 #include <memory>
+#include <optional>
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/gap/gap_output.hpp"
+#include "tools/gap/write_parameters.hpp"
 #include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {
@@ -17,13 +19,44 @@ namespace {
 struct Options {
     GeometryOptions geometry;
     std::vector<std::string> logs;
-    std::string model, heldout, out;
+    std::string model, heldout, out, plant, interface;
+    bool close_loop = false;
+    bool yes = false;
     double heldout_from_s = -1;
 };
 
 int usage(const std::string& text) {
     std::fprintf(stderr, "wheelwright gap: %s\n", text.c_str());
     return kUsage;
+}
+
+std::optional<task::RobotFile> read_robot(const std::string& path) {
+    task::RobotFileResult result = task::read_robot_file(path);
+    for (const task::Diagnostic& problem : result.problems) {
+        std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
+    }
+    return std::move(result.robot);
+}
+
+void close_loop(gap::Findings& findings, const gap::Request& request,
+                const std::optional<task::RobotFile>& plant, const std::string& path) {
+    gap::ClosedLoopSetup setup = gap::closed_loop_setup(findings, request);
+    setup.progress = request.progress;
+    if (plant) setup.plant = *plant;
+    findings.closed_loop = gap::close_loop(setup);
+    findings.closed_loop->truth_known = plant.has_value();
+    findings.closed_loop->plant = plant ? "the simulated robot of " + path
+                                        : "a simulated robot that is what was found (no truth is known)";
+}
+
+int write_to_robot(const Options& options, const gap::Findings& findings, const gap::Request& request) {
+    const gap::Verdict verdict = findings.search.verdict;
+    if (verdict != gap::Verdict::named && verdict != gap::Verdict::nothing_missing) {
+        std::fprintf(stderr, "wheelwright gap: nothing is written to the robot: the verdict is %s\n",
+                     gap::verdict_name(verdict));
+        return kAimMissed;
+    }
+    return gap::write_parameters(gap::changes(findings, request), options.interface, options.yes);
 }
 
 int gap(const Options& options) {
@@ -35,13 +68,10 @@ int gap(const Options& options) {
         return usage("--heldout and --heldout-from exclude each other");
     }
     if (!options.model.empty()) {
-        const task::RobotFileResult result = task::read_robot_file(options.model);
-        for (const task::Diagnostic& problem : result.problems) {
-            std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
-        }
-        if (!result.robot) return kUsage;
-        request.robot = result.robot->parameters;
-        request.geometry = result.robot->parameters.geometry;
+        const std::optional<task::RobotFile> robot = read_robot(options.model);
+        if (!robot) return kUsage;
+        request.robot = robot->parameters;
+        request.geometry = robot->parameters.geometry;
     }
     for (const std::string& log : options.logs) {
         if (options.model.empty() && is_candump(log).value_or(false)) {
@@ -55,7 +85,16 @@ int gap(const Options& options) {
     if (!std::filesystem::is_directory(options.out))
         return usage(options.out + " is no folder and cannot be made one");
     request.progress = [](const std::string& what) { std::fprintf(stderr, "%s ...\n", what.c_str()); };
-    const gap::Findings findings = gap::analyse(request);
+    std::optional<task::RobotFile> plant;
+    if (!options.plant.empty()) {
+        plant = read_robot(options.plant);
+        if (!plant) return kUsage;
+    }
+    if (!options.close_loop && (plant || !options.interface.empty())) {
+        return usage("--plant and --can belong to --close-loop");
+    }
+    gap::Findings findings = gap::analyse(request);
+    if (findings.problems.empty() && options.close_loop) close_loop(findings, request, plant, options.plant);
 
     const std::string json_path = options.out + "/gap.json";
     std::ofstream json(json_path);
@@ -72,6 +111,7 @@ int gap(const Options& options) {
     if (!wrong.empty()) return usage(wrong);
     gap::write_page(findings, request, options.out + "/report.html");
     std::printf("\n%s/gap.json, robot.extended.toml and report.html are written.\n", options.out.c_str());
+    if (!options.interface.empty()) return write_to_robot(options, findings, request);
     return kDone;
 }
 
@@ -97,6 +137,14 @@ void add_gap(CLI::App& program, Run& run) {
                         "The last log's part from this time on, in seconds");
     command->add_option("--out", options->out, "Folder for gap.json, robot.extended.toml, report.html")
         ->required();
+    command->add_flag("--close-loop", options->close_loop,
+                      "Also drive the figure-8 in the simulator, with what was believed before and after");
+    command->add_option(
+        "--plant", options->plant,
+        "With --close-loop: robot file of the simulated robot's truth; else it is what was found");
+    command->add_option("--can", options->interface,
+                        "With --close-loop: then write what was found to the robot on this interface");
+    command->add_flag("--yes", options->yes, "With --can: do not ask before writing");
     command->callback([options, &run] { run = [options] { return gap(*options); }; });
 }
 

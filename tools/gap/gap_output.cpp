@@ -94,6 +94,20 @@ std::string words(const Findings& f) {
                  number_text(f.floor_rad_per_s, 3));
         }
     }
+    if (f.closed_loop) {
+        const ClosedLoop& loop = *f.closed_loop;
+        line("");
+        line("Figure-8 of " + loop.plant + ", error from 12 s on:");
+        const auto one = [&](const char* name, const FigureEight& drive) {
+            line(std::string("  ") + name + ": " +
+                 (drive.driven ? number_text(1e3 * drive.rms_m, 3) + " mm RMS, " +
+                                     number_text(1e3 * drive.peak_m, 3) + " mm at worst"
+                               : "not driven" + (drive.stopped.empty() ? "" : ", fault " + drive.stopped)));
+        };
+        if (loop.nominal) one("given model", *loop.nominal);
+        one("before, K5..K8 fitted anew", loop.before);
+        one("after, with what was found", loop.after);
+    }
     return text;
 }
 
@@ -201,6 +215,24 @@ std::string json(const Findings& f, const Request& request) {
     out["gap"] = gap;
     out["heldout"] = heldout;
     out["closable_share"] = number(s.closable_share);
+    if (f.closed_loop) {
+        const auto one = [](const FigureEight& drive) {
+            Json figures{{"driven", drive.driven}};
+            if (!drive.stopped.empty()) figures["fault"] = drive.stopped;
+            if (drive.driven) {
+                figures["rms_m"] = number(drive.rms_m);
+                figures["peak_m"] = number(drive.peak_m);
+            }
+            return figures;
+        };
+        const ClosedLoop& loop = *f.closed_loop;
+        out["closed_loop"] = {{"plant", loop.plant},
+                              {"truth_known", loop.truth_known},
+                              {"figure_eight",
+                               {{"nominal", loop.nominal ? one(*loop.nominal) : Json(nullptr)},
+                                {"before", one(loop.before)},
+                                {"after", one(loop.after)}}}};
+    }
     Json log;
     log["files"] = request.logs;
     log["notes"] = f.notes;
@@ -219,6 +251,44 @@ std::string json(const Findings& f, const Request& request) {
     return out.dump(2) + "\n";
 }
 
+std::vector<task::FileChange> changes(const Findings& f, const Request& request) {
+    std::string names;
+    for (const std::string& log : request.logs) {
+        names += (names.empty() ? "" : ", ") + std::filesystem::path(log).filename().string();
+    }
+    std::vector<task::FileChange> all;
+    for (const KFigure& k : k_figures(f, request)) {
+        if (is_unknowable(f, k.key)) continue;
+        const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
+        if (info == nullptr || k.value < info->minimum || k.value > info->maximum) continue;
+        all.push_back({"dynamics." + std::string(k.key), k.value});
+        all.push_back({"dynamics_standard_error." + std::string(k.key), k.error});
+    }
+    all.push_back({"dynamics.log", names});
+    for (const NamedEffect& e : f.search.effects) {
+        const model::EffectInfo& info = model::kEffects[e.effect];
+        const std::string table = "effects." + name_of(e.effect) + ".";
+        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
+            all.push_back({table + std::string(info.parameters[j].name), e.parameters[j].value});
+            all.push_back({table + std::string(info.parameters[j].name) + "_standard_error",
+                           e.parameters[j].standard_error});
+        }
+        all.push_back({table + "log", names});
+    }
+    // Effects that the given model had already were fitted anew with the rest.
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        const bool named = std::any_of(f.search.effects.begin(), f.search.effects.end(),
+                                       [&](const NamedEffect& e) { return e.effect == i; });
+        if (named || !f.effects_after.active[i]) continue;
+        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
+            const model::EffectParameterInfo& info = model::kEffects[i].parameters[j];
+            all.push_back({"effects." + name_of(i) + "." + std::string(info.name),
+                           std::clamp(f.effects_after.parameter[i][j], info.minimum, info.maximum)});
+        }
+    }
+    return all;
+}
+
 std::string write_robot(const Findings& f, const Request& request, const std::string& model_path,
                         const std::string& path) {
     std::error_code failed;
@@ -235,41 +305,7 @@ std::string write_robot(const Findings& f, const Request& request, const std::st
     }
     file.close();
     if (!file) return path + " cannot be written";
-    std::string names;
-    for (const std::string& log : request.logs) {
-        names += (names.empty() ? "" : ", ") + std::filesystem::path(log).filename().string();
-    }
-    std::vector<task::FileChange> changes;
-    for (const KFigure& k : k_figures(f, request)) {
-        if (is_unknowable(f, k.key)) continue;
-        const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
-        if (info == nullptr || k.value < info->minimum || k.value > info->maximum) continue;
-        changes.push_back({"dynamics." + std::string(k.key), k.value});
-        changes.push_back({"dynamics_standard_error." + std::string(k.key), k.error});
-    }
-    changes.push_back({"dynamics.log", names});
-    for (const NamedEffect& e : f.search.effects) {
-        const model::EffectInfo& info = model::kEffects[e.effect];
-        const std::string table = "effects." + name_of(e.effect) + ".";
-        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
-            changes.push_back({table + std::string(info.parameters[j].name), e.parameters[j].value});
-            changes.push_back({table + std::string(info.parameters[j].name) + "_standard_error",
-                               e.parameters[j].standard_error});
-        }
-        changes.push_back({table + "log", names});
-    }
-    // Effects that the given model had already were fitted anew with the rest.
-    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        const bool named = std::any_of(f.search.effects.begin(), f.search.effects.end(),
-                                       [&](const NamedEffect& e) { return e.effect == i; });
-        if (named || !f.effects_after.active[i]) continue;
-        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
-            const model::EffectParameterInfo& info = model::kEffects[i].parameters[j];
-            changes.push_back({"effects." + name_of(i) + "." + std::string(info.name),
-                               std::clamp(f.effects_after.parameter[i][j], info.minimum, info.maximum)});
-        }
-    }
-    return task::save_robot_file(path, changes);
+    return task::save_robot_file(path, changes(f, request));
 }
 
 void write_page(const Findings& f, const Request& request, const std::string& path) {

@@ -3,13 +3,18 @@
 #pragma once
 
 #include <string>
+#include <vector>
 
+#include "firmware/task/robot_file.hpp"
 #include "tools/gap/gap_analysis.hpp"
 
 namespace wheelwright::gap {
 
 std::string words(const Findings& findings);
 std::string json(const Findings& findings, const Request& request);
+
+// What was found, as values for a robot file.
+std::vector<task::FileChange> changes(const Findings& findings, const Request& request);
 
 // The given robot file, or a new one with the geometry, and in it what was
 // found. "" or what went wrong.

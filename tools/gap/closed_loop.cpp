@@ -1,0 +1,84 @@
+#include "tools/gap/closed_loop.hpp"
+
+#include <algorithm>
+
+#include "tools/gap/gap_analysis.hpp"
+#include "tools/sim/experiments.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+constexpr std::size_t kKeepEvery = 10;  // of the hundred samples a second
+
+FigureEight figure_eight(const ClosedLoopSetup& setup, const model::RobotParameters& believed) {
+    tools::SimulationOptions options;
+    options.seed = setup.seed;
+    options.world = tools::world_options(setup.plant.simulation, setup.seed);
+    tools::Simulation sim(believed, setup.plant.parameters, options);
+    sim.run_for(0.5);
+    // one metre beside the path's start, as everywhere
+    sim.world().plant().place({0, 1, 0}, {});
+    sim.run_for(0.2);
+    tools::TrackingOptions path;
+    path.path = control::standard_figure_eight<double>(sim.parameters());
+    const tools::TrackingResult drive = tools::track(sim, path);
+    FigureEight result;
+    result.driven = drive.entered;
+    const protocol::Fault fault = sim.cycle().supervisor().fault();
+    if (fault != protocol::Fault::none) result.stopped = std::string(to_string_view(fault));
+    result.driven = result.driven && result.stopped.empty();
+    result.rms_m = drive.rms_m;
+    result.peak_m = drive.peak_m;
+    for (std::size_t i = 0; i < drive.samples.size(); i += kKeepEvery) {
+        const tools::PathSample& s = drive.samples[i];
+        result.t_s.push_back(s.time_s);
+        result.error_m.push_back(s.error_m);
+        result.x_m.push_back(s.truth.x_m);
+        result.y_m.push_back(s.truth.y_m);
+        result.reference_x_m.push_back(s.reference.x_m);
+        result.reference_y_m.push_back(s.reference.y_m);
+    }
+    return result;
+}
+
+}  // namespace
+
+ClosedLoopSetup closed_loop_setup(const Findings& f, const Request& request) {
+    ClosedLoopSetup setup;
+    setup.nominal = request.robot;
+    model::RobotParameters base = request.robot.value_or(model::default_parameters());
+    base.geometry = request.geometry;
+    const auto believing = [&](const model::Dynamics<double>& found,
+                               const model::EffectSet<double>& effects) {
+        model::RobotParameters robot = base;
+        robot.dynamics = found;
+        robot.effects = effects;
+        if (!request.robot) return robot;
+        const auto keep = [&](const char* name, double model::Dynamics<double>::*k) {
+            const auto& unknown = f.search.unknowable;
+            if (std::find(unknown.begin(), unknown.end(), name) != unknown.end()) {
+                robot.dynamics.*k = request.robot->dynamics.*k;
+            }
+        };
+        keep("K5", &model::Dynamics<double>::k5_m);
+        keep("K6", &model::Dynamics<double>::k6_per_m);
+        keep("K7", &model::Dynamics<double>::k7_per_kg_m);
+        keep("K8", &model::Dynamics<double>::k8_per_kg_m2);
+        return robot;
+    };
+    setup.before = believing(f.before, f.effects_before);
+    setup.after = believing(f.after, f.effects_after);
+    setup.plant.parameters = setup.after;
+    return setup;
+}
+
+ClosedLoop close_loop(const ClosedLoopSetup& setup) {
+    ClosedLoop loop;
+    setup.progress("figure-8 before and after");
+    if (setup.nominal) loop.nominal = figure_eight(setup, *setup.nominal);
+    loop.before = figure_eight(setup, setup.before);
+    loop.after = figure_eight(setup, setup.after);
+    return loop;
+}
+
+}  // namespace wheelwright::gap
