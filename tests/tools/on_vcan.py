@@ -165,6 +165,36 @@ class OnVcan(unittest.TestCase):
         self.assertEqual(torques[0], (0, 0))
         self.assertEqual(set(torques[10:30]), {(round(size / 4 * 1000), round(size / 4 * 1000))})
 
+    def test_what_gap_found_is_written_to_the_robot_once_the_operator_agrees(self):
+        with tempfile.TemporaryDirectory() as folder:
+            robots, log = os.path.join(SOURCE, "tools/robots"), os.path.join(folder, "x.log")
+            plant = os.path.join(folder, "plant.toml")
+            with open(os.path.join(robots, "simulated.toml"), encoding="utf-8") as file:
+                text = file.read()
+            with open(plant, "w", encoding="utf-8") as file:
+                file.write(text + "\n[effects.turning_scrub]\nscrub_Nm = 0.3\n")
+            model = os.path.join(robots, "default.toml")
+            self.assertIn(run("sim", "--robot", model, "--plant", plant, "--log", log, "--duration", "25", "ident")[0], (0, 3))
+            arguments = ["gap", log, "--model", model, "--out", folder, "--close-loop", "--can", "vcan0"]
+            done = subprocess.run([PROGRAM, *arguments], input="n\n", capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 3, done.stderr)
+            self.assertIn("nothing was written", done.stderr)
+            self.assertEqual({data[1] >> 4 for _, data in self.firmware.of("ParameterRequest")}, {0})
+            done = subprocess.run([PROGRAM, *arguments, "--yes"], capture_output=True, text=True, timeout=60)
+            self.assertEqual(done.returncode, 3, done.stdout + done.stderr)  # this firmware refuses to commit
+            self.assertIn("commit: not_now", done.stderr)
+            requests = [data for _, data in self.firmware.of("ParameterRequest")]
+            written = {data[2] | data[3] << 8: struct.unpack("<f", data[4:8])[0] for data in requests if data[1] >> 4 == 1}
+            with open(os.path.join(folder, "gap.json"), encoding="utf-8") as file:
+                found = json.load(file)
+            self.assertEqual([effect["name"] for effect in found["effects"]], ["turning_scrub"])
+            scrub = found["effects"][0]["parameters"][0]["value"]
+            indices = {index for index, value in written.items() if index >= 0x4000 and abs(value - scrub) < 1e-6}
+            self.assertEqual(len(indices), 1)
+            self.assertEqual(written[indices.pop() | 15], 1)  # its flag `active`
+            self.assertAlmostEqual(written[0x82], found["parameter_shift"]["k7_per_kg_m"]["value"], places=5)
+            self.assertEqual([data[1] >> 4 for data in requests][-1], 3)  # discarded, as it was not committed
+
     def test_repetition_ends_when_the_mode_is_refused_or_left(self):
         arguments = ("ctl", "--can", "vcan0", "velocity", "0.25", "0", "--for", "20", "--enter")
         self.firmware.refusal = 2  # fault_latched

@@ -14,6 +14,9 @@ FigureEight figure_eight(const ClosedLoopSetup& setup, const model::RobotParamet
     tools::SimulationOptions options;
     options.seed = setup.seed;
     options.world = tools::world_options(setup.plant.simulation, setup.seed);
+    // With the default noise of 2 mm the pose sensor's error would hide the controller's.
+    options.world.external_pose_noise_m = 0;
+    options.world.external_heading_noise_rad = 0;
     tools::Simulation sim(believed, setup.plant.parameters, options);
     sim.run_for(0.5);
     // one metre beside the path's start, as everywhere
@@ -69,7 +72,16 @@ ClosedLoopSetup closed_loop_setup(const Findings& f, const Request& request) {
     setup.before = believing(f.before, f.effects_before);
     setup.after = believing(f.after, f.effects_after);
     setup.plant.parameters = setup.after;
+    setup.plant.simulation = task::default_simulation();
     return setup;
+}
+
+void set_truth(ClosedLoopSetup& setup, const task::RobotFile& plant) {
+    setup.plant = plant;
+    setup.truth = setup.after;
+    setup.truth->dynamics =
+        tools::as_seen_with(plant.parameters.dynamics, plant.parameters.geometry, setup.after.geometry);
+    setup.truth->effects = plant.parameters.effects;
 }
 
 ClosedLoop close_loop(const ClosedLoopSetup& setup) {
@@ -78,6 +90,8 @@ ClosedLoop close_loop(const ClosedLoopSetup& setup) {
     if (setup.nominal) loop.nominal = figure_eight(setup, *setup.nominal);
     loop.before = figure_eight(setup, setup.before);
     loop.after = figure_eight(setup, setup.after);
+    loop.truth_known = setup.truth.has_value();
+    if (setup.truth) loop.truth = figure_eight(setup, *setup.truth);
     return loop;
 }
 

@@ -1,5 +1,6 @@
 // What a model is worth to the controller: the standard figure-8 on one simulated robot, driven by
-// controllers that believe different things about it.
+// controllers that believe different things about it. The external pose is exact: what is left is the
+// controller's.
 #pragma once
 
 #include <cstdint>
@@ -28,12 +29,13 @@ struct ClosedLoop {
     std::optional<FigureEight> nominal;  // as the given robot file believes
     FigureEight before;                  // K5..K8 fitted anew
     FigureEight after;                   // and the effects that were named
+    std::optional<FigureEight> truth;    // for a controller that knows the truth, where there is one
 };
 
 // The robot that drives, and what each controller believes.
 struct ClosedLoopSetup {
     task::RobotFile plant;
-    std::optional<model::RobotParameters> nominal;
+    std::optional<model::RobotParameters> nominal, truth;
     model::RobotParameters before, after;
     std::uint64_t seed = 1;
     std::function<void(const std::string&)> progress = [](const std::string&) {};
@@ -44,5 +46,8 @@ ClosedLoop close_loop(const ClosedLoopSetup& setup);
 // What the log could not show is taken from the given model. The robot that drives is the one that was found,
 // unless somebody knows the truth and puts it in `plant`.
 ClosedLoopSetup closed_loop_setup(const Findings& findings, const Request& request);
+// Tells it: another robot drives, and one more controller knows of it all that can be known with its
+// geometry.
+void set_truth(ClosedLoopSetup& setup, const task::RobotFile& plant);
 
 }  // namespace wheelwright::gap

@@ -42,11 +42,11 @@ void close_loop(gap::Findings& findings, const gap::Request& request,
                 const std::optional<task::RobotFile>& plant, const std::string& path) {
     gap::ClosedLoopSetup setup = gap::closed_loop_setup(findings, request);
     setup.progress = request.progress;
-    if (plant) setup.plant = *plant;
+    if (plant) gap::set_truth(setup, *plant);
     findings.closed_loop = gap::close_loop(setup);
-    findings.closed_loop->truth_known = plant.has_value();
-    findings.closed_loop->plant = plant ? "the simulated robot of " + path
-                                        : "a simulated robot that is what was found (no truth is known)";
+    findings.closed_loop->plant =
+        plant ? "the simulated robot of " + std::filesystem::path(path).filename().string()
+              : "a simulated robot that is what was found (no truth is known)";
 }
 
 int write_to_robot(const Options& options, const gap::Findings& findings, const gap::Request& request) {

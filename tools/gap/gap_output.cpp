@@ -9,7 +9,6 @@
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/gap/motions.hpp"
-#include "tools/report/page.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -97,7 +96,7 @@ std::string words(const Findings& f) {
     if (f.closed_loop) {
         const ClosedLoop& loop = *f.closed_loop;
         line("");
-        line("Figure-8 of " + loop.plant + ", error from 12 s on:");
+        line("Figure-8 of " + loop.plant + ", with an exact external pose, error from 12 s on:");
         const auto one = [&](const char* name, const FigureEight& drive) {
             line(std::string("  ") + name + ": " +
                  (drive.driven ? number_text(1e3 * drive.rms_m, 3) + " mm RMS, " +
@@ -107,6 +106,7 @@ std::string words(const Findings& f) {
         if (loop.nominal) one("given model", *loop.nominal);
         one("before, K5..K8 fitted anew", loop.before);
         one("after, with what was found", loop.after);
+        if (loop.truth) one("with the truth itself", *loop.truth);
     }
     return text;
 }
@@ -155,6 +155,10 @@ std::string json(const Findings& f, const Request& request) {
                 one["duration_s"] = kMotion_s;
             }
             advice.push_back(one);
+        }
+        effect["ruled_out"] = Json::array();
+        for (const Rival& r : e.ruled_out) {
+            effect["ruled_out"].push_back({{"name", name_of(r.effect)}, {"keeps", number(r.keeps)}});
         }
         out["effects"].push_back(effect);
     }
@@ -231,7 +235,8 @@ std::string json(const Findings& f, const Request& request) {
                               {"figure_eight",
                                {{"nominal", loop.nominal ? one(*loop.nominal) : Json(nullptr)},
                                 {"before", one(loop.before)},
-                                {"after", one(loop.after)}}}};
+                                {"after", one(loop.after)},
+                                {"truth", loop.truth ? one(*loop.truth) : Json(nullptr)}}}};
     }
     Json log;
     log["files"] = request.logs;
@@ -306,116 +311,6 @@ std::string write_robot(const Findings& f, const Request& request, const std::st
     file.close();
     if (!file) return path + " cannot be written";
     return task::save_robot_file(path, changes(f, request));
-}
-
-void write_page(const Findings& f, const Request& request, const std::string& path) {
-    const Search& s = f.search;
-    report::Page page("Model gap: " + std::string(verdict_name(s.verdict)), s.reason + ".");
-    std::vector<report::KeyFigure> figures;
-    for (const NamedEffect& e : s.effects) {
-        figures.push_back(
-            {name_of(e.effect), number_text(100 * e.closes, 3) + " %", "of the closable gap closed"});
-    }
-    if (!f.heldout.empty()) {
-        const FreeRun& all = f.heldout.back();
-        figures.push_back(
-            {"free run, before", number_text(all.before, 3) + " rad/s", "on data that it had not seen"});
-        figures.push_back(
-            {"free run, after", number_text(all.after, 3) + " rad/s", "on data that it had not seen"});
-    }
-    page.figures(figures);
-    report::Section& where = page.section("Where they part");
-    where.text(
-        "The torque that the model lacks, against the mean wheel speed. A "
-        "model without a gap lies on zero.");
-    where.chart({.title = "Missing torque",
-                 .x = {"mean wheel speed / (rad/s)"},
-                 .y = {"torque per wheel / Nm"},
-                 .series = {{"before", f.against_speed.x, f.against_speed.before},
-                            {"after", f.against_speed.x, f.against_speed.after}},
-                 .levels = {{"no gap", 0}},
-                 .caption = "Before: K5..K8 fitted alone. After: with the effects named above.",
-                 .summary = "Missing torque against wheel speed, before and after, in " +
-                            std::to_string(f.against_speed.x.size()) + " bins."});
-    if (!s.where.empty()) {
-        report::Table table{
-            "Share of the closable gap that depends on it", {{"place"}, {"share / %", true}}, {}};
-        for (const Place& p : s.where) table.rows.push_back({p.name, number_text(100 * p.explains, 3)});
-        where.table(table);
-    }
-    report::Section& effects = page.section("What is missing");
-    if (s.effects.empty()) effects.text("No effect of the catalogue is named: " + s.reason + ".");
-    for (const NamedEffect& e : s.effects) {
-        const model::EffectInfo& info = model::kEffects[e.effect];
-        effects.text("`" + std::string(info.name) + "`: " + std::string(info.meaning) +
-                     ". Source of the equation: " + std::string(info.source) + ".");
-        report::Table table{
-            "Parameters of " + std::string(info.name),
-            {{"parameter"}, {"value", true}, {"standard error", true}, {"95 % interval", true}},
-            {}};
-        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
-            const ParameterEstimate& p = e.parameters[j];
-            table.rows.push_back(
-                {std::string(info.parameters[j].name), number_text(p.value, 4),
-                 number_text(p.standard_error, 2),
-                 number_text(p.interval_95[0], 4) + " .. " + number_text(p.interval_95[1], 4)});
-        }
-        effects.table(table);
-        for (const Rival& r : e.rivals) {
-            effects.note(report::Tone::plain,
-                         name_of(r.effect) +
-                             (r.alike ? " does the same in every motion of this log" : " is not ruled out") +
-                             ". What would tell: " + words_of(r) + ".");
-        }
-    }
-    if (!f.heldout.empty()) {
-        report::Section& run = page.section("On data it had not seen");
-        run.text(
-            "The simulated robot runs freely over the measured torque, from "
-            "the first measured speeds.");
-        report::Table table{"Wheel speed error, rad/s RMS",
-                            {{"over"}, {"before", true}, {"after", true}, {"noise", true}},
-                            {}};
-        for (const FreeRun& r : f.heldout) {
-            table.rows.push_back({r.window_s > 0 ? number_text(r.window_s, 3) + " s" : "all",
-                                  number_text(r.before, 3), number_text(r.after, 3),
-                                  number_text(f.floor_rad_per_s, 3)});
-        }
-        run.table(table);
-        run.chart(
-            {.title = "Left wheel",
-             .x = {"time / s"},
-             .y = {"wheel speed / (rad/s)"},
-             .series = {{"before", f.trace.t_s, f.trace.before},
-                        {"after", f.trace.t_s, f.trace.after},
-                        {.name = "measured", .x = f.trace.t_s, .y = f.trace.measured, .reference = true}},
-             .caption = "The first ten seconds of the part held out.",
-             .summary = "Speed of the left wheel, measured and simulated "
-                        "before and after."});
-    }
-    report::Section& unknown = page.section("What this log could not have shown");
-    report::Table table{
-        "Smallest size that would have been named", {{"effect"}, {"parameter"}, {"size", true}}, {}};
-    for (const Detectable& d : s.detectable) {
-        const model::EffectInfo& info = model::kEffects[d.effect];
-        for (std::size_t j = 0; j < std::min(d.size.size(), info.parameters.size()); ++j) {
-            table.rows.push_back(
-                {std::string(info.name), std::string(info.parameters[j].name),
-                 std::isfinite(d.size[j]) ? number_text(d.size[j], 2) : std::string("not in this log")});
-        }
-    }
-    unknown.table(table);
-    if (!s.unknowable.empty()) {
-        std::string all;
-        for (const std::string& n : s.unknowable) all += (all.empty() ? "" : ", ") + n;
-        unknown.text("Not to be known from this log: " + all + ".");
-    }
-    std::string names;
-    for (const std::string& log : request.logs) {
-        names += " " + std::filesystem::path(log).filename().string();
-    }
-    page.footer("wheelwright gap" + names);
-    page.write(path);
 }
 
 }  // namespace wheelwright::gap

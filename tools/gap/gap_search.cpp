@@ -430,6 +430,8 @@ class Searcher {
             const bool worse = signed_rank_probability(loss) <= 0.05;
             if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 5) {
                 named.rivals.push_back(rival);
+            } else {
+                named.ruled_out.push_back(rival);
             }
         }
     }

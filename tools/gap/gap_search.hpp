@@ -51,6 +51,7 @@ struct NamedEffect {
     double torque_share = 0;                    // RMS of its torque over RMS of the commanded
     double probability = 1;                     // that nothing is there, by the held-out blocks
     std::vector<Rival> rivals;
+    std::vector<Rival> ruled_out;  // that did worse in its place
 };
 
 struct Place {

@@ -172,5 +172,43 @@ class Advice(Rig):
         self.assertEqual(self.excite(good, "--can", "nocan7", "--yes")[0], 4)
 
 
+class CloseLoop(Rig):
+    DRAG = "\n[effects.quadratic_drag]\ndrag_N_s2_per_m2 = 4.0\n"
+    DRIVES = ("ident", "velocity:0.8,0,1.5", "velocity:-0.6,1.5,1.5", "velocity:1.3,-1,2", "velocity:-1.2,0.5,2",
+              "velocity:0.9,-2,1.5", "velocity:1.6,0,2", "velocity:-1.6,0,2")
+
+    def setUp(self):
+        super().setUp()
+        self.model = os.path.join(ROBOTS, "default.toml")
+        with open(os.path.join(ROBOTS, "simulated.toml"), encoding="utf-8") as file:
+            self.dragged = self.write("plant.toml", file.read() + self.DRAG)
+        self.log = self.simulate(self.dragged, "1.log", *self.DRIVES, seed=1)
+
+    def test_the_figure_8_comes_down_to_that_of_a_controller_that_knows_the_truth(self):
+        found, out = self.gap(self.log, "--model", self.model, "--close-loop", "--plant", self.dragged)
+        self.assertEqual([e["name"] for e in found["effects"]], ["quadratic_drag"], out)
+        self.assertTrue(found["closed_loop"]["truth_known"])
+        drive = found["closed_loop"]["figure_eight"]
+        self.assertLess(drive["after"]["rms_m"], drive["nominal"]["rms_m"])
+        self.assertLess(drive["after"]["rms_m"], 1.02 * drive["truth"]["rms_m"])
+        self.assertLess(drive["after"]["peak_m"], 1.05 * drive["truth"]["peak_m"])
+        self.assertIn("after, with what was found", out)
+        with open(self.path("gap/robot.extended.toml"), encoding="utf-8") as file:
+            self.assertIn("[effects.quadratic_drag]", file.read())
+
+    def test_without_a_plant_it_says_whose_figure_8_it_is(self):
+        found, out = self.gap(self.log, "--model", self.model, "--close-loop")
+        self.assertFalse(found["closed_loop"]["truth_known"])
+        self.assertIn("no truth is known", out)
+        self.assertLess(found["closed_loop"]["figure_eight"]["after"]["rms_m"], 0.005)
+
+    def test_wrong_usage(self):
+        for arguments in (("--plant", self.dragged), ("--can", "can0"), ("--close-loop", "--plant", "nowhere.toml")):
+            status, _, err = run("gap", self.log, "--model", self.model, "--out", self.path("gap"), *arguments)
+            self.assertEqual(status, 1, err)
+        self.assertEqual(run("gap", self.log, "--model", self.model, "--out", self.path("gap"), "--close-loop", "--can",
+                             "nocan7", "--yes")[0], 4)
+
+
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1], verbosity=2)
