@@ -56,9 +56,8 @@ std::string lead(const Search& s) {
         case Verdict::named:
             return text +
                    "What is named below explains the difference on parts of the log that were not used to "
-                   "find it, "
-                   "and every other effect of the catalogue does worse in its place, unless it is listed as "
-                   "a rival.";
+                   "find it; "
+                   "what other effects would do in its place stands beside it.";
         case Verdict::nothing_missing:
             return text +
                    "With its four motion parameters fitted anew the simulated robot does what the real one "
@@ -188,7 +187,8 @@ void parameters(Section& s, const NamedEffect& e) {
     report::Table table{
         "Parameters of " + std::string(info.name),
         {{"parameter"}, {"value", true}, {"standard error", true}, {"95 % interval", true}, {"unit"}},
-        {}};
+        {},
+        true};
     for (std::size_t j = 0; j < e.parameters.size(); ++j) {
         const ParameterEstimate& p = e.parameters[j];
         table.rows.push_back({std::string(info.parameters[j].name), number_text(p.value, 4),
@@ -211,7 +211,7 @@ void evidence(Section& s, const NamedEffect& e) {
                 "."});
     const bool any = !e.rivals.empty() || !e.ruled_out.empty();
     if (!any) return;
-    report::Table table{"Every other effect in its place: what it would keep of the improvement",
+    report::Table table{"Another effect in its place: what it would keep of the improvement",
                         {{"effect"}, {"keeps / %", true}, {"therefore"}},
                         {},
                         true};
@@ -226,6 +226,10 @@ void evidence(Section& s, const NamedEffect& e) {
             {name_of(r.effect), number_text(100 * std::max(0.0, r.keeps), 3), {"ruled out", Tone::quiet}});
     }
     s.table(table);
+    s.text(
+        "An effect that is not listed is in the model already, would need an impossible size, does not show "
+        "in this "
+        "log, or is not searched for.");
     for (const Rival& r : e.rivals) {
         std::string text =
             "What would tell " + code(name_of(e.effect)) + " from " + code(name_of(r.effect)) + ": ";
@@ -271,6 +275,12 @@ void closed_loop(report::Page& page, const ClosedLoop& loop) {
     row("after: with what was found", loop.after);
     if (loop.truth) row("the truth itself", *loop.truth);
     s.table(table);
+    if (loop.truth) {
+        s.text(
+            "What is left for a controller that knows the truth comes from elsewhere: wheel radii that are "
+            "not quite "
+            "those believed, the encoders' steps, the bus.");
+    }
     if (!loop.before.driven || !loop.after.driven) return;
     const auto mm = [](std::vector<double> values) {
         for (double& v : values) v *= 1e3;

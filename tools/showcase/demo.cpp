@@ -7,6 +7,7 @@
 #include <cmath>
 #include <cstdio>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <string>
 
@@ -14,6 +15,7 @@
 #include "tools/cli/command.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/showcase/demo_page.hpp"
+#include "tools/showcase/hidden_effect.hpp"
 #include "tools/showcase/main_job.hpp"
 
 namespace wheelwright::tools {
@@ -149,7 +151,27 @@ int demo(const Options& options) {
         return kMachineLacks;
     }
 
+    std::optional<HiddenEffect> hidden;
+    if (job.identification.succeeded) {
+        ProgressLine find(5, "Find what the model lacks: a robot that hides an effect");
+        hidden.emplace();
+        try {
+            hidden->run(robot, options.robot, plant, options.seed, options.out + "/gap", std::ref(find));
+        } catch (const std::runtime_error& error) {
+            std::fprintf(stderr, "wheelwright demo: %s\n", error.what());
+            return kMachineLacks;
+        }
+        find.done(hidden->found() ? hidden->name() + ", named from " + text("%.0f s", hidden->driven_s) +
+                                        " of its bus's log" +
+                                        (hidden->findings.closed_loop
+                                             ? text("; figure-8 then within %.2f mm RMS",
+                                                    1e3 * hidden->findings.closed_loop->after.rms_m)
+                                             : std::string())
+                                  : hidden->name() + " was hidden, and not found");
+    }
+
     Report report = job.report();
+    if (hidden) hidden->add_to(report);
     if (real_time) {
         report.section("real_time", "Real time on " + options.interface);
         report.add("missed_cycles", "cycles for which this machine was too late", missed_cycles);
@@ -158,13 +180,13 @@ int demo(const Options& options) {
     if (!report.publish(options.json)) return kMachineLacks;
     try {
         const std::string file = options.out + "/index.html";
-        demo_page(job, options.interface).write(file);
+        demo_page(job, hidden ? &*hidden : nullptr, options.interface).write(file);
         std::printf("\nReport with the plots: %s\n", file.c_str());
     } catch (const std::runtime_error& error) {
         std::fprintf(stderr, "wheelwright demo: %s\n", error.what());
         return kMachineLacks;
     }
-    if (!job.reached_its_aims()) {
+    if (!job.reached_its_aims() || (hidden && !hidden->reached_its_aims())) {
         std::printf("Not every aim was reached; the table says which.\n");
         return kAimMissed;
     }
@@ -175,8 +197,8 @@ int demo(const Options& options) {
 
 void add_demo(CLI::App& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command =
-        program.add_subcommand("demo", "Identify, tune, drive and adapt a simulated robot, and report");
+    CLI::App* command = program.add_subcommand(
+        "demo", "Identify, tune, drive and adapt a simulated robot, find what its model lacks, and report");
     command->footer(
         "Virtual time unless --can names an interface. Same seed, same figures. Exit status 3: an aim was "
         "missed.");

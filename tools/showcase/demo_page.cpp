@@ -190,9 +190,69 @@ void adaptation(report::Page& page, const MainJob& job) {
     path_charts(s, job.adaptive, "The same figure-8 while the payload comes");
 }
 
+void missing(report::Page& page, const HiddenEffect& hidden) {
+    Section& s = page.section("What the model lacks");
+    const gap::Findings& f = hidden.findings;
+    s.text(
+        "Another simulated robot, in virtual time, hides an effect that the firmware's model lacks, drawn at "
+        "random. It was driven for " +
+        text("%.0f s", hidden.driven_s) +
+        ", and `wheelwright gap` got the log of the bus and the firmware's robot file, nothing else. The "
+        "whole story "
+        "is in `gap/report.html` beside this page.");
+    if (!hidden.problem.empty() || !f.closed_loop) {
+        s.note(Tone::bad, hidden.problem);
+        return;
+    }
+    report::Table table;
+    table.caption = "Hidden, and found";
+    table.columns = {{"parameter"}, {"truth", true}, {"found", true}, {"standard error", true}};
+    for (std::size_t j = 0; j < model::kEffects[hidden.effect].parameters.size(); ++j) {
+        std::vector<report::Cell> row{
+            hidden.name() + " " + std::string(model::kEffects[hidden.effect].parameters[j].name),
+            text("%.4g", hidden.parameters[j])};
+        if (hidden.found()) {
+            const gap::ParameterEstimate& p = f.search.effects[0].parameters[j];
+            row.emplace_back(text("%.4g", p.value));
+            row.emplace_back(text("%.2g", p.standard_error));
+        }
+        table.rows.push_back(row);
+    }
+    s.table(table);
+    if (!hidden.found()) {
+        s.note(Tone::bad, "It was not found: " + f.search.reason + ".");
+    }
+    const gap::ClosedLoop& loop = *f.closed_loop;
+    report::Table drives;
+    drives.caption = "The figure-8 of that robot, with an exact external pose, from 12 s on";
+    drives.columns = {{"controller believes"}, {"RMS / mm", true}, {"at worst / mm", true}};
+    const auto row = [&](const char* name, const gap::FigureEight& drive) {
+        drives.rows.push_back({name, text("%.2f", 1e3 * drive.rms_m), text("%.2f", 1e3 * drive.peak_m)});
+    };
+    if (loop.nominal) row("before: the firmware's robot file", *loop.nominal);
+    row("K5..K8 fitted anew", loop.before);
+    row("after: with what was found", loop.after);
+    if (loop.truth) row("the truth itself", *loop.truth);
+    s.table(drives);
+    Chart chart;
+    chart.title = "Distance from the reference point";
+    chart.x = {"time / s"};
+    chart.y = {"error / mm"};
+    chart.y.maximum = 5;
+    const auto series = [&](const char* name, const gap::FigureEight& drive) {
+        chart.series.push_back({name, drive.t_s, column(drive.error_m, [](double e) { return 1e3 * e; })});
+    };
+    if (loop.nominal) series("before", *loop.nominal);
+    series("after", loop.after);
+    chart.marks = {{"judged from here", 12}};
+    chart.summary = text("Tracking error before (%.2f mm RMS) and after (%.2f mm RMS).",
+                         1e3 * (loop.nominal ? *loop.nominal : loop.before).rms_m, 1e3 * loop.after.rms_m);
+    s.chart(chart);
+}
+
 }  // namespace
 
-report::Page demo_page(const MainJob& job, const std::string& interface) {
+report::Page demo_page(const MainJob& job, const HiddenEffect* hidden, const std::string& interface) {
     report::Page page("A robot learned, tuned and driven",
                       "What `wheelwright demo` did: the firmware met a simulated robot on a CAN bus, found "
                       "out how it moves, "
@@ -215,6 +275,7 @@ report::Page demo_page(const MainJob& job, const std::string& interface) {
         driving(page, job);
         adaptation(page, job);
     }
+    if (hidden != nullptr) missing(page, *hidden);
     page.footer(interface.empty() ? "Made by `wheelwright demo` in virtual time on an in-process CAN bus."
                                   : "Made by `wheelwright demo --can " + interface + "` in real time.");
     return page;

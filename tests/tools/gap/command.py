@@ -1,4 +1,4 @@
-"""`wheelwright gap` from outside, on candump logs that `wheelwright sim` wrote. Usage: command.py PROGRAM ROBOTS"""
+"""`wheelwright gap` from outside, on candump logs that `wheelwright sim` wrote; and in the demo. Usage: command.py PROGRAM ROBOTS"""
 import json
 import os
 import re
@@ -208,6 +208,24 @@ class CloseLoop(Rig):
             self.assertEqual(status, 1, err)
         self.assertEqual(run("gap", self.log, "--model", self.model, "--out", self.path("gap"), "--close-loop", "--can",
                              "nocan7", "--yes")[0], 4)
+
+
+class Demo(Rig):
+    def test_the_demo_ends_with_an_effect_that_it_hides_and_finds(self):
+        # seeds that draw different effects
+        drawn = set()
+        for seed in (2, 3, 6):
+            status, out, err = run("demo", "--seed", seed, "--out", self.folder.name, "--json", self.path("demo.json"))
+            self.assertEqual((status, err), (0, ""), out)
+            with open(self.path("demo.json"), encoding="utf-8") as file:
+                hidden = json.load(file)["hidden_effect"]
+            drawn.add(hidden["named"])
+            self.assertLess(hidden["figure_eight_after_mm"], hidden["figure_eight_given_mm"])
+            self.assertLess(hidden["figure_eight_after_mm"], 1.05 * hidden["figure_eight_truth_mm"])
+        self.assertEqual(len(drawn), 3, drawn)
+        with open(self.path("index.html"), encoding="utf-8") as file:
+            self.assertIn("What the model lacks", file.read())
+        self.assertGreater(os.path.getsize(self.path("gap/report.html")), 100_000)
 
 
 if __name__ == "__main__":
