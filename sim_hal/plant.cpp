@@ -87,18 +87,20 @@ void Plant::set_parameters(const PlantParameters& parameters) {
     parameters_ = parameters;
     derive_actual();
     const PlantParameters& p = actual_;
-    torque_path_ = false;
+    // The bias alone is a smooth torque like others; beside what stands on the way it is part of the way.
+    // What the way does is not done again as a smooth torque.
+    std::array<bool, model::kEffectCount> path = parameters_.effects.active;
+    path[index_of<model::TorqueBias>()] = false;
+    torque_path_ = model::changes_torque_path(path);
+    path_effects_ = actual_.effects;
+    if (torque_path_) {
+        for (const std::size_t i : model::kPathOrder) actual_.effects.active[i] = false;
+    }
     wheels_only_ = true;
     model::for_each_active(p.effects.active, [this]<typename Effect>(std::size_t) {
         if constexpr (model::SmoothTorque<Effect> && !model::OnTorquePath<Effect>)
             wheels_only_ = wheels_only_ && model::EachWheel<Effect>;
     });
-    // The bias alone is a smooth torque like others; beside what stands on the way it is part of the way.
-    std::array<bool, model::kEffectCount> path = parameters_.effects.active;
-    path[index_of<model::TorqueBias>()] = false;
-    torque_path_ = model::changes_torque_path(path);
-    path_effects_ = actual_.effects;
-    if (torque_path_) actual_.effects.active[index_of<model::TorqueBias>()] = false;
     if (before.active != parameters_.effects.active || before.parameter != parameters_.effects.parameter)
         path_memory_ = {};
     slips_ = is_active<model::WheelSlip>(p.effects);

@@ -17,6 +17,7 @@ struct PlantModel {
     model::Geometry<Real> geometry;
     model::Dynamics<Real> dynamics;
     model::EffectSet<Real> effects;
+    bool rare_effects = true;  // false: none is active but the first kCommonEffects
 };
 
 template <typename Real>
@@ -33,6 +34,9 @@ PlantModel<Real> plant_model(const model::RobotParameters& from) {
             to.effects.parameter[i][j] = Real(from.effects.parameter[i][j]);
         }
     }
+    to.rare_effects = std::any_of(to.effects.active.begin() + model::kCommonEffects, to.effects.active.end(),
+                                  [](bool active) { return active; });
+    to.geometry = model::actual_geometry(to.effects, to.geometry);
     return to;
 }
 
@@ -43,15 +47,15 @@ inline constexpr double kSoftSpeed = 0.04;
 inline constexpr double kSureSpeed = 0.15;
 
 // The torque that the effects are expected to add at the wheels.
-template <typename Real>
+template <std::size_t kUpTo = model::kEffectCount, typename Real>
 constexpr WheelPair<Real> expected_effect_torque_Nm(const PlantModel<Real>& plant,
                                                     const model::Motion<Real>& measured,
                                                     const Twist<Real>& reference) {
     const WheelPair<Real> reference_speed = model::wheel_speeds_from_twist(plant.geometry, reference);
-    WheelPair<Real> total =
-        model::smooth_effect_torque_Nm(plant.effects, {measured, {}, plant.geometry, plant.dynamics});
-    model::for_each_dry(
-        plant.effects, plant.geometry,
+    WheelPair<Real> total = model::smooth_effect_torque_Nm<false, kUpTo>(
+        plant.effects, {measured, {}, plant.geometry, plant.dynamics});
+    model::for_each_dry<kUpTo>(
+        plant.effects, plant.geometry, measured.wheel_speed_rad_per_s,
         [&](std::size_t, unsigned, const WheelPair<Real>& direction, Real limit_Nm) {
             const Real sliding = model::sliding_speed(direction, measured.wheel_speed_rad_per_s);
             const Real sure = sliding - std::clamp(sliding, Real(-kSureSpeed), Real(kSureSpeed));
@@ -63,15 +67,78 @@ constexpr WheelPair<Real> expected_effect_torque_Nm(const PlantModel<Real>& plan
     return total;
 }
 
+inline constexpr std::size_t kLateral = model::find_effect(model::CogLateral::info.name);
+
+// The accelerations that come, where K7 and K8 alone would give these.
+template <std::size_t kUpTo = model::kEffectCount, typename Real>
+constexpr TwistRate<Real> coupled_acceleration(const PlantModel<Real>& plant, const TwistRate<Real>& alone) {
+    if constexpr (kLateral < kUpTo) {
+        if (plant.effects.active[kLateral])
+            return model::CogLateral::coupled(plant.effects.parameter[kLateral], plant.geometry,
+                                              plant.dynamics, alone);
+    }
+    return alone;
+}
+
+namespace detail {
+
+template <std::size_t kUpTo, typename Real>
+constexpr WheelPair<Real> linearising_torque_Nm(const PlantModel<Real>& plant,
+                                                const model::Motion<Real>& measured,
+                                                const Twist<Real>& reference, const TwistRate<Real>& nu) {
+    WheelPair<Real> total = model::inverse_dynamics(plant.dynamics, measured.twist, nu);
+    if constexpr (kLateral < kUpTo) {
+        if (plant.effects.active[kLateral]) {
+            const WheelPair<Real> push = model::wheel_torque_Nm(
+                plant.geometry, model::CogLateral::push(plant.effects.parameter[kLateral], plant.geometry,
+                                                        plant.dynamics, nu));
+            total.left -= push.left;
+            total.right -= push.right;
+        }
+    }
+    const WheelPair<Real> effects = expected_effect_torque_Nm<kUpTo>(plant, measured, reference);
+    return model::asked_torque_Nm<kUpTo>(
+        plant.effects, WheelPair<Real>{total.left - effects.left, total.right - effects.right});
+}
+
+template <std::size_t kUpTo, typename Real>
+constexpr TwistRate<Real> linearised_acceleration(const PlantModel<Real>& plant,
+                                                  const model::Motion<Real>& measured,
+                                                  const Twist<Real>& reference,
+                                                  const WheelPair<Real>& torque_Nm) {
+    const WheelPair<Real> effects = expected_effect_torque_Nm<kUpTo>(plant, measured, reference);
+    const WheelPair<Real> delivered = model::delivered_torque_Nm<kUpTo>(
+        plant.effects, {measured, torque_Nm, plant.geometry, plant.dynamics});
+    return coupled_acceleration<kUpTo>(
+        plant,
+        model::acceleration(plant.dynamics, measured.twist,
+                            WheelPair<Real>{delivered.left + effects.left, delivered.right + effects.right}));
+}
+
+// Out of the way of the usual case.
+template <typename Real>
+[[gnu::noinline]] constexpr WheelPair<Real> linearising_torque_of_all_Nm(const PlantModel<Real>& plant,
+                                                                         const model::Motion<Real>& measured,
+                                                                         const Twist<Real>& reference,
+                                                                         const TwistRate<Real>& nu) {
+    return linearising_torque_Nm<model::kEffectCount>(plant, measured, reference, nu);
+}
+template <typename Real>
+[[gnu::noinline]] constexpr TwistRate<Real> linearised_acceleration_of_all(
+    const PlantModel<Real>& plant, const model::Motion<Real>& measured, const Twist<Real>& reference,
+    const WheelPair<Real>& torque_Nm) {
+    return linearised_acceleration<model::kEffectCount>(plant, measured, reference, torque_Nm);
+}
+
+}  // namespace detail
+
 // Wheel torques for the acceleration nu, eq (62). Not limited.
 template <typename Real>
 constexpr WheelPair<Real> linearising_torque_Nm(const PlantModel<Real>& plant,
                                                 const model::Motion<Real>& measured,
                                                 const Twist<Real>& reference, const TwistRate<Real>& nu) {
-    const WheelPair<Real> total = model::inverse_dynamics(plant.dynamics, measured.twist, nu);
-    const WheelPair<Real> effects = expected_effect_torque_Nm(plant, measured, reference);
-    return model::asked_torque_Nm(plant.effects,
-                                  WheelPair<Real>{total.left - effects.left, total.right - effects.right});
+    if (plant.rare_effects) return detail::linearising_torque_of_all_Nm(plant, measured, reference, nu);
+    return detail::linearising_torque_Nm<model::kCommonEffects>(plant, measured, reference, nu);
 }
 
 // The acceleration nu that a torque stands for: the inverse of linearising_torque_Nm().
@@ -80,11 +147,9 @@ constexpr TwistRate<Real> linearised_acceleration(const PlantModel<Real>& plant,
                                                   const model::Motion<Real>& measured,
                                                   const Twist<Real>& reference,
                                                   const WheelPair<Real>& torque_Nm) {
-    const WheelPair<Real> effects = expected_effect_torque_Nm(plant, measured, reference);
-    const WheelPair<Real> delivered =
-        model::delivered_torque_Nm(plant.effects, {measured, torque_Nm, plant.geometry, plant.dynamics});
-    return model::acceleration(plant.dynamics, measured.twist,
-                               {delivered.left + effects.left, delivered.right + effects.right});
+    if (plant.rare_effects)
+        return detail::linearised_acceleration_of_all(plant, measured, reference, torque_Nm);
+    return detail::linearised_acceleration<model::kCommonEffects>(plant, measured, reference, torque_Nm);
 }
 
 }  // namespace wheelwright::control

@@ -215,22 +215,32 @@ class WheelObserver {
     // Accelerations of the wheels by the model, the acceleration error included. Dry friction is an impulse
     // that may stop a wheel within the step but never turns it back, so a stuck wheel is predicted at rest.
     WheelPair<Real> predict_acceleration(const PlantModel<Real>& plant, Real dt) {
+        return plant.rare_effects ? predict_with_all(plant, dt)
+                                  : predict_with<model::kCommonEffects>(plant, dt);
+    }
+    [[gnu::noinline]] WheelPair<Real> predict_with_all(const PlantModel<Real>& plant, Real dt) {
+        return predict_with<model::kEffectCount>(plant, dt);
+    }
+    template <std::size_t kUpTo>
+    WheelPair<Real> predict_with(const PlantModel<Real>& plant, Real dt) {
         const auto& g = plant.geometry;
         const auto& k = plant.dynamics;
         const model::EffectContext<Real> context{motion_, acting_torque_Nm(), g, k};
-        WheelPair<Real> net = model::delivered_torque_Nm(plant.effects, context);
-        const WheelPair<Real> smooth = model::smooth_effect_torque_Nm(plant.effects, context);
+        WheelPair<Real> net = model::delivered_torque_Nm<kUpTo>(plant.effects, context);
+        const WheelPair<Real> smooth = model::smooth_effect_torque_Nm<false, kUpTo>(plant.effects, context);
         net.left += smooth.left;
         net.right += smooth.right;
-        const TwistRate<Real> body = model::acceleration(k, motion_.twist, net);
+        const TwistRate<Real> body =
+            coupled_acceleration<kUpTo>(plant, model::acceleration(k, motion_.twist, net));
         WheelPair<Real> a =
             model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
         wheels_[0].model_acceleration = a.left;
         wheels_[1].model_acceleration = a.right;
         a.left += wheels_[0].error;
         a.right += wheels_[1].error;
-        model::for_each_dry(
-            plant.effects, g, [&](std::size_t, unsigned, const WheelPair<Real>& d, Real friction) {
+        model::for_each_dry<kUpTo>(
+            plant.effects, g, motion_.wheel_speed_rad_per_s,
+            [&](std::size_t, unsigned, const WheelPair<Real>& d, Real friction) {
                 const WheelPair<Real> per_Nm = model::wheel_speeds_from_twist(
                     g, Twist<Real>{k.k7_per_kg_m * d.sum(), k.k8_per_kg_m2 * d.difference()});
                 const Real mobility = d.left * per_Nm.left + d.right * per_Nm.right;
@@ -320,7 +330,7 @@ WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters
     to.cycle_s = cycle_s;
     to.encoder_period_s = Real(from.drive.encoder_period_ms) / 1000;
     to.bandwidth_rad_per_s = Real(from.velocity_loop.observer_bandwidth_rad_per_s);
-    to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s);
+    to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s + model::effects_delay_s(from.effects));
     // a tenth of what the torque limit can give
     to.calm_acceleration_rad_per_s2 =
         Real(0.1 * 2 * from.limits.torque_Nm * from.dynamics.k7_per_kg_m / from.geometry.mean_radius_m());

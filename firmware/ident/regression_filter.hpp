@@ -252,7 +252,7 @@ class RegressionFilter {
         const model::Motion<Real> motion = motion_at(now, heading_rad, speed);
         model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
         WheelPair<Real> known = model::smooth_effect_torque_Nm(known_, context);
-        model::for_each_dry(known_, geometry_,
+        model::for_each_dry(known_, geometry_, speed,
                             [&](std::size_t, unsigned, const WheelPair<Real>& d, Real limit_Nm) {
                                 const Real amount = -limit_Nm * mean_sliding_sign(d);
                                 known.left += amount * d.left;

@@ -60,6 +60,9 @@ struct EffectInfo {
     std::string_view meaning;
     std::string_view source;  // where the equation comes from
     std::span<const EffectParameterInfo> parameters;
+    // One of the two: what the controllers do about it, or why they do nothing.
+    std::string_view compensation{};
+    std::string_view uncompensated_because{};
 };
 
 inline constexpr std::size_t kMaxEffectParameters = 4;

@@ -67,6 +67,10 @@ using Catalogue = std::tuple<ViscousFriction,      //
 
 inline constexpr std::size_t kEffectCount = std::tuple_size_v<Catalogue>;
 
+// Those at the catalogue's beginning that many robots have: where no other is active, the cycle's functions
+// need not look at the rest (their parameter kUpTo).
+inline constexpr std::size_t kCommonEffects = 7;
+
 // The kinds of effect.hpp.
 template <typename Effect>
 concept Dry = requires { Effect::template dry_direction<double>(0U); };
@@ -85,6 +89,11 @@ concept SmoothTorque =
     requires(Parameters<double> p, const EffectContext<double>& context) { Effect::torque(p, context); };
 template <typename Effect>
 concept InTorquePath = requires { Effect::path_place; };
+// Dry friction of both wheels whose limit depends on the sliding speed.
+template <typename Effect>
+concept DryBySpeed = requires(Parameters<double> p) { Effect::dry_limit(p, 0.0); };
+template <typename Effect>
+concept CountsAsDelay = requires(Parameters<double> p) { Effect::controllers_delay_s(p); };
 // Its parameters are the coefficients of its columns, whatever the applied torque.
 template <typename Effect>
 concept LinearInParameters = HasColumns<Effect> && !HasOwnCoordinates<Effect> && !OnTorquePath<Effect>;
@@ -110,6 +119,28 @@ inline constexpr std::array<EffectInfo, kEffectCount> kEffects =
     for_catalogue([]<typename Effect>() { return Effect::info; });
 inline constexpr std::array<bool, kEffectCount> kLinearInParameters =
     for_catalogue([]<typename Effect>() { return LinearInParameters<Effect>; });
+
+// The effects on the torque's way: how many, and their indices in the way's order.
+inline constexpr std::size_t kPathEffects = [] {
+    const auto on_path = for_catalogue([]<typename Effect>() { return InTorquePath<Effect>; });
+    return static_cast<std::size_t>(std::count(on_path.begin(), on_path.end(), true));
+}();
+
+inline constexpr std::array<std::size_t, kPathEffects> kPathOrder = [] {
+    const std::array<int, kEffectCount> place = for_catalogue([]<typename Effect>() {
+        if constexpr (InTorquePath<Effect>) {
+            return static_cast<int>(Effect::path_place);
+        } else {  // NOLINT(readability-misleading-indentation): clang-tidy 16 misreads "if constexpr"
+            return 1'000'000;  // nowhere
+        }
+    });
+    std::array<std::size_t, kEffectCount> all{};
+    for (std::size_t i = 0; i < kEffectCount; ++i) all[i] = i;
+    std::sort(all.begin(), all.end(), [&](std::size_t a, std::size_t b) { return place[a] < place[b]; });
+    std::array<std::size_t, kPathEffects> order{};
+    std::copy_n(all.begin(), kPathEffects, order.begin());
+    return order;
+}();
 
 // All parameters of the catalogue that are coefficients of columns.
 inline constexpr std::size_t kMaxColumns = [] {
@@ -179,7 +210,7 @@ constexpr void for_each_active_index(const std::array<bool, kEffectCount>& activ
 
 // Calls visit(index, type) as visit.template operator()<Effect>(i) for each active effect, in catalogue
 // order. Cost: as for_each_active_index(); effects for which `visit` is empty cost nothing.
-template <typename Visitor>
+template <std::size_t kUpTo = kEffectCount, typename Visitor>
 constexpr void for_each_active(const std::array<bool, kEffectCount>& active, Visitor&& visit) {
     const auto one = [&]<std::size_t I>(std::integral_constant<std::size_t, I>) {
         if (active[I]) visit.template operator()<std::tuple_element_t<I, Catalogue>>(I);
@@ -188,11 +219,11 @@ constexpr void for_each_active(const std::array<bool, kEffectCount>& active, Vis
         if (!any_of_eight(active, kFirst)) return;
         [&]<std::size_t... J>(std::index_sequence<J...>) {
             (one(std::integral_constant<std::size_t, kFirst + J>{}), ...);
-        }(std::make_index_sequence<std::min<std::size_t>(8, kEffectCount - kFirst)>{});
+        }(std::make_index_sequence<std::min<std::size_t>(8, kUpTo - kFirst)>{});
     };
     [&]<std::size_t... K>(std::index_sequence<K...>) {
         (eight(std::integral_constant<std::size_t, 8 * K>{}), ...);
-    }(std::make_index_sequence<(kEffectCount + 7) / 8>{});
+    }(std::make_index_sequence<(kUpTo + 7) / 8>{});
 }
 
 // The wheel torque that one unit of a smooth effect's coordinate k gives.
@@ -240,6 +271,26 @@ constexpr void for_each_dry(const EffectSet<Real>& set, const Geometry<Real>& ge
     });
 }
 
+// The same, and friction whose limit depends on speed, with its limit at these wheel speeds (parameter index
+// 0).
+template <std::size_t kUpTo = kEffectCount, typename Real, typename Visitor>
+constexpr void for_each_dry(const EffectSet<Real>& set, const Geometry<Real>& geometry,
+                            const WheelPair<Real>& wheel_speed_rad_per_s, Visitor&& visit) {
+    for_each_active<kUpTo>(set.active, [&]<typename Effect>(std::size_t i) {
+        if constexpr (Dry<Effect>) {
+            for (unsigned j = 0; j < Effect::parameters.size(); ++j) {
+                visit(i, j, wheel_torque_Nm(geometry, Effect::template dry_direction<Real>(j)),
+                      set.parameter[i][j]);
+            }
+        } else if constexpr (DryBySpeed<Effect>) {
+            visit(i, 0U, WheelPair<Real>{1, 0},
+                  Effect::dry_limit(set.parameter[i], wheel_speed_rad_per_s.left));
+            visit(i, 0U, WheelPair<Real>{0, 1},
+                  Effect::dry_limit(set.parameter[i], wheel_speed_rad_per_s.right));
+        }
+    });
+}
+
 // Adds the wheel torque of one smooth effect.
 template <typename Effect, typename Real>
 constexpr void add_smooth_torque(const Parameters<Real>& parameter, const EffectContext<Real>& context,
@@ -270,11 +321,11 @@ constexpr void add_smooth_torque(const Parameters<Real>& parameter, const Effect
 
 // The torque that the active smooth effects add to the wheels; those on the torque's way are not in it.
 // kWheelsOnly leaves out all but those that act on each wheel by itself.
-template <bool kWheelsOnly = false, typename Real>
+template <bool kWheelsOnly = false, std::size_t kUpTo = kEffectCount, typename Real>
 constexpr WheelPair<Real> smooth_effect_torque_Nm(const EffectSet<Real>& set,
                                                   const EffectContext<Real>& context) {
     WheelPair<Real> total{};
-    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
+    for_each_active<kUpTo>(set.active, [&]<typename Effect>(std::size_t i) {
         if constexpr (SmoothTorque<Effect> && !OnTorquePath<Effect> && (EachWheel<Effect> || !kWheelsOnly)) {
             add_smooth_torque<Effect>(set.parameter[i], context, total);
         }
@@ -282,32 +333,62 @@ constexpr WheelPair<Real> smooth_effect_torque_Nm(const EffectSet<Real>& set,
     return total;
 }
 
-// What arrives at the wheels of the context's applied torque.
-template <typename Real>
+// Calls visit(index, type) for each effect on the way that has an inverse, active or not, in the way's order.
+template <std::size_t kUpTo, typename Visitor>
+constexpr void for_each_invertible(Visitor&& visit) {
+    const auto one = [&]<std::size_t kStage>(std::integral_constant<std::size_t, kStage>) {
+        using Effect = std::tuple_element_t<kPathOrder[kStage], Catalogue>;
+        if constexpr (OnTorquePath<Effect> && kPathOrder[kStage] < kUpTo)
+            visit.template operator()<Effect>(kPathOrder[kStage]);
+    };
+    [&]<std::size_t... kStage>(std::index_sequence<kStage...>) {
+        (one(std::integral_constant<std::size_t, kStage>{}), ...);
+    }(std::make_index_sequence<kPathEffects>{});
+}
+
+// What arrives at the wheels of the context's applied torque, as far as the controllers can undo it.
+template <std::size_t kUpTo = kEffectCount, typename Real>
 constexpr WheelPair<Real> delivered_torque_Nm(const EffectSet<Real>& set, EffectContext<Real> context) {
-    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
-        if constexpr (OnTorquePath<Effect>) {
-            WheelPair<Real> delivered = context.applied_torque_Nm;
-            add_smooth_torque<Effect>(set.parameter[i], context, delivered);
-            context.applied_torque_Nm = delivered;
-        }
+    for_each_invertible<kUpTo>([&]<typename Effect>(std::size_t i) {
+        if (!set.active[i]) return;
+        WheelPair<Real> delivered = context.applied_torque_Nm;
+        add_smooth_torque<Effect>(set.parameter[i], context, delivered);
+        context.applied_torque_Nm = delivered;
     });
     return context.applied_torque_Nm;
 }
 
 // What to apply so that `wanted_Nm` arrives at the wheels: the inverse of delivered_torque_Nm().
-template <typename Real>
+template <std::size_t kUpTo = kEffectCount, typename Real>
 constexpr WheelPair<Real> asked_torque_Nm(const EffectSet<Real>& set, WheelPair<Real> wanted_Nm) {
-    const auto one = [&]<std::size_t I>(std::integral_constant<std::size_t, I>) {
-        using Effect = std::tuple_element_t<I, Catalogue>;
-        if constexpr (OnTorquePath<Effect>) {
-            if (set.active[I]) wanted_Nm = Effect::asked(set.parameter[I], wanted_Nm);
+    const auto one = [&]<std::size_t kStage>(std::integral_constant<std::size_t, kStage>) {
+        constexpr std::size_t i = kPathOrder[kPathEffects - 1 - kStage];
+        using Effect = std::tuple_element_t<i, Catalogue>;
+        if constexpr (OnTorquePath<Effect> && i < kUpTo) {
+            if (set.active[i]) wanted_Nm = Effect::asked(set.parameter[i], wanted_Nm);
         }
     };
-    [&]<std::size_t... I>(std::index_sequence<I...>) {
-        (one(std::integral_constant<std::size_t, kEffectCount - 1 - I>{}), ...);
-    }(std::make_index_sequence<kEffectCount>{});
+    [&]<std::size_t... kStage>(std::index_sequence<kStage...>) {
+        (one(std::integral_constant<std::size_t, kStage>{}), ...);
+    }(std::make_index_sequence<kPathEffects>{});
     return wanted_Nm;
+}
+
+// Beyond the delay of every robot: by which the active effects make torque come later.
+template <typename Real>
+constexpr Real effects_delay_s(const EffectSet<Real>& set) {
+    Real delay_s = 0;
+    for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
+        if constexpr (CountsAsDelay<Effect>) delay_s += Effect::controllers_delay_s(set.parameter[i]);
+    });
+    return delay_s;
+}
+
+// The radii as the active effects say they are.
+template <typename Real>
+constexpr Geometry<Real> actual_geometry(const EffectSet<Real>& set, const Geometry<Real>& nominal) {
+    constexpr std::size_t i = find_effect(WheelRadiusMismatch::info.name);
+    return set.active[i] ? WheelRadiusMismatch::geometry(set.parameter[i], nominal) : nominal;
 }
 
 template <typename Real>

@@ -12,28 +12,6 @@
 
 namespace wheelwright::model {
 
-inline constexpr std::size_t kPathEffects = [] {
-    const auto on_path = for_catalogue([]<typename Effect>() { return InTorquePath<Effect>; });
-    return static_cast<std::size_t>(std::count(on_path.begin(), on_path.end(), true));
-}();
-
-// Indices into kEffects, in the order of the way.
-inline constexpr std::array<std::size_t, kPathEffects> kPathOrder = [] {
-    const std::array<int, kEffectCount> place = for_catalogue([]<typename Effect>() {
-        if constexpr (InTorquePath<Effect>) {
-            return static_cast<int>(Effect::path_place);
-        } else {  // NOLINT(readability-misleading-indentation): clang-tidy 16 misreads "if constexpr"
-            return 1'000'000;  // nowhere
-        }
-    });
-    std::array<std::size_t, kEffectCount> all{};
-    for (std::size_t i = 0; i < kEffectCount; ++i) all[i] = i;
-    std::sort(all.begin(), all.end(), [&](std::size_t a, std::size_t b) { return place[a] < place[b]; });
-    std::array<std::size_t, kPathEffects> order{};
-    std::copy_n(all.begin(), kPathEffects, order.begin());
-    return order;
-}();
-
 template <std::size_t kStage>
 using PathEffect = std::tuple_element_t<kPathOrder[kStage], Catalogue>;
 

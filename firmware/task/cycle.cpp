@@ -127,7 +127,7 @@ void Cycle::observe() {
     };
     observer_.update(time_.scheduled_ns, sample(ports_.left.feedback()), sample(ports_.right.feedback()),
                      control_.plant());
-    odometry_.advance(parameters_.geometry, observer_.turned_rad(), time_.scheduled_ns);
+    odometry_.advance(control_.plant().geometry, observer_.turned_rad(), time_.scheduled_ns);
     if (host_.events().external_pose) {
         odometry_.fuse(host_.external_pose.value);
         slip_.compare(host_.external_pose.value.heading_rad, odometry_.bare_pose().heading_rad,
@@ -204,7 +204,7 @@ void Cycle::judge_conditions() {
     c.overrun = overran_;
     c.bus_down = bus_lost_ || refused_torques_ >= kRefusedTorquesUntilDown;
     c.terminate = terminate_.load(std::memory_order_relaxed);
-    const auto& radius = parameters_.geometry.wheel_radius_m;
+    const auto& radius = control_.plant().geometry.wheel_radius_m;
     c.moving =
         std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
                  std::abs(radius.right * motion.wheel_speed_rad_per_s.right)) > safety.clear_speed_m_per_s;

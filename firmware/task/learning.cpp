@@ -23,13 +23,14 @@ std::uint32_t excitation_seed(const MotionInputs& now) {
 
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& p, double kernel_s) {
     ident::RegressionFilterOptions<double> options;
-    options.geometry = p.geometry;
+    options.geometry = model::actual_geometry(p.effects, p.geometry);
     options.effects = p.effects;
     options.dynamics = p.dynamics;
     options.sample_time_s = kCyclePeriod_s;
     options.kernel_s = kernel_s;
     options.sample_age_s = Learning::sample_age_s(p);
-    options.delay_s = p.velocity_loop.actuation_delay_s + options.sample_age_s;
+    options.delay_s =
+        p.velocity_loop.actuation_delay_s + model::effects_delay_s(p.effects) + options.sample_age_s;
     return options;
 }
 
@@ -80,7 +81,9 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     put("dynamics_standard_error.k6_per_m", e.standard_error.k6_per_m);
     put("dynamics_standard_error.k7_per_kg_m", e.standard_error.k7_per_kg_m);
     put("dynamics_standard_error.k8_per_kg_m2", e.standard_error.k8_per_kg_m2);
-    if (run_.delay().valid) put("velocity_loop.actuation_delay_s", run_.delay().delay_s - sample_age_s_);
+    if (run_.delay().valid)
+        put("velocity_loop.actuation_delay_s",
+            run_.delay().delay_s - sample_age_s_ - model::effects_delay_s(live.effects));
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!e.effects.active[i]) continue;
         const auto& parameters = model::kEffects[i].parameters;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <type_traits>
 
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/model/dynamics.hpp"
@@ -474,15 +475,21 @@ TEST(SimPlantEffects, each_effect_is_compensated_by_the_linearisation) {
         const char* name;
         model::Parameters<double> parameters;
     };
-    const std::array<Case, 7> cases{{{"viscous_friction", {0.011, 0.013}},
-                                     {"coulomb_friction", {0.31, 0.27}},
-                                     {"quadratic_drag", {3.1}},
-                                     {"turning_scrub", {0.35}},
-                                     {"torque_bias", {0.06, -0.11}},
-                                     {"slope", {0.07, 0.9}},
-                                     {"torque_gain_mismatch", {0.12}}}};
-    const auto compensated = model::for_catalogue(
-        []<typename Effect>() { return model::HasColumns<Effect> || model::OnTorquePath<Effect>; });
+    const std::array<Case, 11> cases{{{"viscous_friction", {0.011, 0.013}},
+                                      {"coulomb_friction", {0.31, 0.27}},
+                                      {"quadratic_drag", {3.1}},
+                                      {"turning_scrub", {0.35}},
+                                      {"torque_bias", {0.06, -0.11}},
+                                      {"slope", {0.07, 0.9}},
+                                      {"torque_gain_mismatch", {0.12}},
+                                      {"stribeck_friction", {0.1, 0.3, 8}},
+                                      {"cog_lateral", {0.03}},
+                                      {"dead_zone", {0.2}},
+                                      {"torque_ripple", {0.15, 7, 0.9}}}};
+    const auto compensated = model::for_catalogue([]<typename Effect>() {
+        return model::SmoothTorque<Effect> || model::Dry<Effect> || model::DryBySpeed<Effect> ||
+               std::is_same_v<Effect, model::CogLateral>;
+    });
     LONGS_EQUAL(std::count(compensated.begin(), compensated.end(), true), cases.size());
     for (const Case& c : cases) {
         const control::PlantModel<double> informed{geometry(), dynamics(), effect(c.name, c.parameters)};

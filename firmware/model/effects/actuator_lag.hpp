@@ -12,9 +12,13 @@ struct ActuatorLag {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"time_constant_s", "s", 0.0, 1.0, "time constant from commanded to delivered torque"},
     }};
-    static constexpr EffectInfo info{"actuator_lag",
-                                     "torque that builds up late: current control, inductance",
-                                     "first-order lag", parameters};
+    static constexpr EffectInfo info{
+        "actuator_lag",
+        "torque that builds up late: current control, inductance",
+        "first-order lag",
+        parameters,
+        "",
+        "its inverse differentiates the command, noise included; the loops stay damped with it"};
 
     static constexpr int path_place = 80;
     template <typename Real>

@@ -14,9 +14,13 @@ struct BackEmfLimit {
         {"stall_Nm", "Nm", 0.0, 1000.0, "largest torque of a wheel that does not turn"},
         {"no_load_rad_per_s", "rad/s", 0.0, 10000.0, "wheel speed at which no torque is left; 0: no limit"},
     }};
-    static constexpr EffectInfo info{"back_emf_limit",
-                                     "torque that a motor's own voltage takes away at speed",
-                                     "torque-speed line of the direct-current motor", parameters};
+    static constexpr EffectInfo info{
+        "back_emf_limit",
+        "torque that a motor's own voltage takes away at speed",
+        "torque-speed line of the direct-current motor",
+        parameters,
+        "",
+        "a limit has no inverse; limits.speed_m_per_s and limits.torque_Nm keep commands below it"};
 
     static constexpr int path_place = 70;
     template <typename Real>

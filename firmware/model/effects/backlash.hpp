@@ -18,9 +18,13 @@ struct Backlash {
         {"half_gap_rad", "rad", 0.0, 1.0, "angle of the wheel by which the motor is free to either side"},
         {"motor_inertia_kg_m2", "kg m^2", 0.0, 10.0, "inertia on the motor's side, as seen at the wheel"},
     }};
-    static constexpr EffectInfo info{"backlash", "play in the gear between motor and wheel",
-                                     "dead-zone model with impact, Nordin, Gutman (2002), for stiff teeth",
-                                     parameters};
+    static constexpr EffectInfo info{
+        "backlash",
+        "play in the gear between motor and wheel",
+        "dead-zone model with impact, Nordin, Gutman (2002), for stiff teeth",
+        parameters,
+        "",
+        "no torque acts through the gap, and hurrying across it would only strike the teeth harder"};
 
     static constexpr int path_place = 100;
     template <typename Real>

@@ -22,10 +22,13 @@ struct CastorDrag {
         {"trail_m", "m", 0.0, 1.0, "wheel behind the pivot; below 1 mm counts as 1 mm"},
     }};
     static constexpr EffectInfo info{
-        "castor_drag", "a castor that rolls and swivels with friction",
+        "castor_drag",
+        "a castor that rolls and swivels with friction",
         "rolling without side slip, Campion, Bastin, D'Andrea-Novel (1996), with Coulomb friction in wheel "
         "and pivot",
-        parameters};
+        parameters,
+        "",
+        "its swivel angle is not measured; the integrators take up its slow part"};
 
     template <typename Real>
     struct Memory {

@@ -18,7 +18,7 @@ struct CogLateral {
         "cog_lateral", "a centre of gravity beside the middle line",
         "Newton-Euler equations of a body about another point than its centre of "
         "gravity",
-        parameters};
+        parameters, "the push that both accelerations make on each other is added to the command"};
 
     // Mass times offset: the push is F = this * omega', N = this * v'.
     template <typename Real>
@@ -35,6 +35,18 @@ struct CogLateral {
                                           const TwistRate<Real>& acceleration) {
         const Real coupling = coupling_kg_m(p, geometry, dynamics);
         return {coupling * acceleration.omega_rad_per_s2, coupling * acceleration.v_m_per_s2};
+    }
+
+    // The accelerations that come, where K7 and K8 alone would give these. The offset must be smaller than
+    // the robot's radius of gyration.
+    template <typename Real>
+    static constexpr TwistRate<Real> coupled(const Parameters<Real>& p, const Geometry<Real>& geometry,
+                                             const Dynamics<Real>& dynamics, const TwistRate<Real>& alone) {
+        const Real mass_over_inertia = 2 * dynamics.k8_per_kg_m2 / (dynamics.k7_per_kg_m * geometry.track_m);
+        const Real back = mass_over_inertia * p[0];
+        const Real scale = 1 / (1 - p[0] * back);
+        return {(alone.v_m_per_s2 + p[0] * alone.omega_rad_per_s2) * scale,
+                (alone.omega_rad_per_s2 + back * alone.v_m_per_s2) * scale};
     }
 };
 

@@ -15,7 +15,8 @@ struct CoulombFriction {
     }};
     static constexpr EffectInfo info{"coulomb_friction",
                                      "dry friction in gearbox and bearings, independent of speed",
-                                     "Coulomb (1785), as a set-valued law with sticking", parameters};
+                                     "Coulomb (1785), as a set-valued law with sticking", parameters,
+                                     "its torque is added to the command, by the sign of the wanted speed"};
 
     template <typename Real>
     static constexpr WheelPair<Real> dry_direction(unsigned j) {

@@ -14,8 +14,13 @@ struct EncoderQuantisation {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"counts_per_turn", "", 0.0, 1e9, "counts in a turn of the wheel; 0: not rounded"},
     }};
-    static constexpr EffectInfo info{"encoder_quantisation", "wheel speeds in steps, from a coarse encoder",
-                                     "uniform quantiser, Widrow, Kollar (2008)", parameters};
+    static constexpr EffectInfo info{
+        "encoder_quantisation",
+        "wheel speeds in steps, from a coarse encoder",
+        "uniform quantiser, Widrow, Kollar (2008)",
+        parameters,
+        "",
+        "the observer uses positions over time, which are finer than the reports"};
 
     template <typename Real>
     static constexpr Real step_rad_per_s(const Parameters<Real>& p) {

@@ -14,9 +14,13 @@ struct GainDrift {
         {"loss", "", -1.0, 0.95, "share of the torque that is lost in the end"},
         {"time_constant_s", "s", 0.0, 1e5, "of the loss; 0: evenly over the whole run"},
     }};
-    static constexpr EffectInfo info{"gain_drift", "torque per ampere that falls while magnets warm up",
-                                     "first-order warming; torque constant linear in temperature",
-                                     parameters};
+    static constexpr EffectInfo info{
+        "gain_drift",
+        "torque per ampere that falls while magnets warm up",
+        "first-order warming; torque constant linear in temperature",
+        parameters,
+        "",
+        "when the warming began is not known; adaptive mode follows it as K7 and K8"};
 
     static constexpr int path_place = 40;
     template <typename Real>

@@ -11,7 +11,8 @@ struct GyroBias {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"bias_rad_per_s", "rad/s", -10.0, 10.0, "yaw rate that is reported at rest"},
     }};
-    static constexpr EffectInfo info{"gyro_bias", "offset of the gyro", "definition", parameters};
+    static constexpr EffectInfo info{"gyro_bias", "offset of the gyro",         "definition", parameters,
+                                     "",          "the controllers use no gyro"};
 
     template <typename Real>
     static constexpr Real report_yaw_rate(const Parameters<Real>& p, Real yaw_rate_rad_per_s) {

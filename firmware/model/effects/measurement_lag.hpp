@@ -12,8 +12,12 @@ struct MeasurementLag {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"time_constant_s", "s", 0.0, 10.0, "of the filter in the drive's speed report"},
     }};
-    static constexpr EffectInfo info{"measurement_lag", "wheel speeds that the drive reports late",
-                                     "first-order lag", parameters};
+    static constexpr EffectInfo info{"measurement_lag",
+                                     "wheel speeds that the drive reports late",
+                                     "first-order lag",
+                                     parameters,
+                                     "",
+                                     "the controllers use positions, not the drive's speed"};
 
     template <typename Real>
     struct Memory {

@@ -17,7 +17,10 @@ struct PayloadStep {
     }};
     static constexpr EffectInfo info{"payload_step",
                                      "a load that is put on or taken off while the robot drives",
-                                     "parallel-axis theorem", parameters};
+                                     "parallel-axis theorem",
+                                     parameters,
+                                     "",
+                                     "nobody announces it; adaptive mode learns K5..K8 of the loaded robot"};
 
     // The robot with the load on board.
     template <typename Real>

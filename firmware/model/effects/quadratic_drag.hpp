@@ -13,7 +13,7 @@ struct QuadraticDrag {
     }};
     static constexpr EffectInfo info{
         "quadratic_drag", "drag on the body that grows with the square of its speed: air, or water",
-        "drag equation, Rayleigh (1876)", parameters};
+        "drag equation, Rayleigh (1876)", parameters, "its force is added to the command"};
 
     template <typename Real>
     static constexpr BodyForce<Real> column(unsigned, const EffectContext<Real>& at) {

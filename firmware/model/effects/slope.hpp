@@ -21,7 +21,8 @@ struct Slope {
         {"uphill_rad", "rad", -3.15, 3.15, "heading that points straight uphill"},
     }};
     static constexpr EffectInfo info{"slope", "a floor that is not level",
-                                     "Newton's law, gravity on an incline", parameters};
+                                     "Newton's law, gravity on an incline", parameters,
+                                     "gravity's pull is taken from the command, by the heading"};
 
     template <typename Real>
     static constexpr BodyForce<Real> column(unsigned k, const EffectContext<Real>& at) {

@@ -15,9 +15,10 @@ struct StribeckFriction {
         {"static_Nm", "Nm", 0.0, 100.0, "dry friction torque of each wheel at rest"},
         {"stribeck_rad_per_s", "rad/s", 0.0, 1000.0, "wheel speed over which it falls from one to the other"},
     }};
-    static constexpr EffectInfo info{"stribeck_friction",
-                                     "dry friction that is larger at rest and creeping than at speed",
-                                     "Stribeck (1902); exponential form of Bo, Pavelescu (1982)", parameters};
+    static constexpr EffectInfo info{
+        "stribeck_friction", "dry friction that is larger at rest and creeping than at speed",
+        "Stribeck (1902); exponential form of Bo, Pavelescu (1982)", parameters,
+        "its torque at this speed is added to the command, by the sign of the wanted speed"};
 
     // What friction opposes sliding at this speed with, at most; of the first or the second wheel.
     template <typename Real>

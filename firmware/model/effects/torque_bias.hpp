@@ -12,9 +12,10 @@ struct TorqueBias {
         {"left_Nm", "Nm", -100.0, 100.0, "torque added to the left wheel"},
         {"right_Nm", "Nm", -100.0, 100.0, "torque added to the right wheel"},
     }};
-    static constexpr EffectInfo info{
-        "torque_bias", "offset of a drive's current measurement: torque that nobody asked for",
-        "constant term of the standard robot model, Gautier, Khalil (1990)", parameters};
+    static constexpr EffectInfo info{"torque_bias",
+                                     "offset of a drive's current measurement: torque that nobody asked for",
+                                     "constant term of the standard robot model, Gautier, Khalil (1990)",
+                                     parameters, "subtracted from the command"};
 
     template <typename Real>
     static constexpr WheelPair<Real> each_wheel(const EffectContext<Real>&) {

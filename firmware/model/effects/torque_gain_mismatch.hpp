@@ -13,9 +13,9 @@ struct TorqueGainMismatch {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"relative", "", -0.6, 1.5, "torque delivered per torque asked, right over left, minus one"},
     }};
-    static constexpr EffectInfo info{"torque_gain_mismatch",
-                                     "one drive gives more torque than the other for the same demand",
-                                     "definition; the mean gain is one", parameters};
+    static constexpr EffectInfo info{
+        "torque_gain_mismatch", "one drive gives more torque than the other for the same demand",
+        "definition; the mean gain is one", parameters, "each command is divided by its gain"};
 
     template <typename Real>
     static constexpr WheelPair<Real> column(unsigned, const EffectContext<Real>& at) {

@@ -16,7 +16,14 @@ struct TorqueRipple {
         {"phase_rad", "rad", -3.15, 3.15, "phase at the wheel's angle 0"},
     }};
     static constexpr EffectInfo info{"torque_ripple", "torque that swings with the wheel's angle",
-                                     "cogging torque as one harmonic, Hanselman (1994)", parameters};
+                                     "cogging torque as one harmonic, Hanselman (1994)", parameters,
+                                     "subtracted from the command, by the wheel's angle"};
+
+    template <typename Real>
+    static constexpr WheelPair<Real> torque(const Parameters<Real>& p, const EffectContext<Real>& at) {
+        const auto ripple = [&](Real angle) { return p[0] * sine_cosine(p[1] * angle + p[2]).sine; };
+        return {ripple(at.motion.wheel_angle_rad.left), ripple(at.motion.wheel_angle_rad.right)};
+    }
 
     static constexpr int path_place = 90;
     template <typename Real>

@@ -11,9 +11,13 @@ struct TorqueSaturation {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"limit_Nm", "Nm", 0.0, 1000.0, "largest torque that a drive gives its wheel"},
     }};
-    static constexpr EffectInfo info{"torque_saturation",
-                                     "drives that give less torque than they are asked for",
-                                     "saturation nonlinearity", parameters};
+    static constexpr EffectInfo info{
+        "torque_saturation",
+        "drives that give less torque than they are asked for",
+        "saturation nonlinearity",
+        parameters,
+        "",
+        "a limit has no inverse; limits.torque_Nm set to it keeps commands and integrators within it"};
 
     static constexpr int path_place = 60;
     template <typename Real>

@@ -12,8 +12,15 @@ struct TransportDelay {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"delay_s", "s", 0.0, 0.05, "from a torque command to its effect"},
     }};
-    static constexpr EffectInfo info{
-        "transport_delay", "commands that take their time on the way to the motor", "dead time", parameters};
+    static constexpr EffectInfo info{"transport_delay",
+                                     "commands that take their time on the way to the motor", "dead time",
+                                     parameters, "the loop design and the observer count it"};
+
+    // As the controllers count it.
+    template <typename Real>
+    static constexpr Real controllers_delay_s(const Parameters<Real>& p) {
+        return p[0];
+    }
 
     static constexpr int path_place = 10;
 

@@ -11,9 +11,10 @@ struct TurningScrub {
     static constexpr std::array<EffectParameterInfo, 1> parameters{{
         {"scrub_Nm", "Nm", 0.0, 1000.0, "dry friction torque on the body against turning"},
     }};
-    static constexpr EffectInfo info{"turning_scrub", "tyres that scrub over the floor while the robot turns",
-                                     "Coulomb (1785), about the yaw axis, as a set-valued law with sticking",
-                                     parameters};
+    static constexpr EffectInfo info{
+        "turning_scrub", "tyres that scrub over the floor while the robot turns",
+        "Coulomb (1785), about the yaw axis, as a set-valued law with sticking", parameters,
+        "its torque is added to the command, by the sign of the wanted yaw rate"};
 
     template <typename Real>
     static constexpr BodyForce<Real> dry_direction(unsigned) {

@@ -14,7 +14,8 @@ struct ViscousFriction {
     }};
     static constexpr EffectInfo info{
         "viscous_friction", "friction in bearings, gearbox grease and tyres that grows with wheel speed",
-        "linear term of the Stribeck model, Armstrong-Helouvry, Dupont, Canudas de Wit (1994)", parameters};
+        "linear term of the Stribeck model, Armstrong-Helouvry, Dupont, Canudas de Wit (1994)", parameters,
+        "its torque is added to the command"};
 
     template <typename Real>
     static constexpr WheelPair<Real> each_wheel(const EffectContext<Real>& at) {

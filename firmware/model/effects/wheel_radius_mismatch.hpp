@@ -12,7 +12,8 @@ struct WheelRadiusMismatch {
         {"relative", "", -0.5, 1.0, "radius right over left, beyond the geometry's, minus one"},
     }};
     static constexpr EffectInfo info{"wheel_radius_mismatch", "one wheel is larger than the other",
-                                     "unequal wheel diameters, Borenstein, Feng (1996)", parameters};
+                                     "unequal wheel diameters, Borenstein, Feng (1996)", parameters,
+                                     "odometry and controllers take the radii as they are"};
 
     // The geometry as it is.
     template <typename Real>

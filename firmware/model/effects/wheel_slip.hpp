@@ -16,8 +16,12 @@ struct WheelSlip {
         {"slip_speed_m_per_s", "m/s", 0.0, 10.0, "slip at which a tyre reaches its largest force"},
     }};
     static constexpr EffectInfo info{
-        "wheel_slip", "tyres that slip along their rolling direction",
-        "linear slip up to Coulomb's limit, the small-slip part of Pacejka's tyre", parameters};
+        "wheel_slip",
+        "tyres that slip along their rolling direction",
+        "linear slip up to Coulomb's limit, the small-slip part of Pacejka's tyre",
+        parameters,
+        "",
+        "speed over the floor is not measured; an external pose corrects where it leads"};
 
     template <typename Real>
     static constexpr Real load_N(const Geometry<Real>& geometry, const Dynamics<Real>& dynamics) {
