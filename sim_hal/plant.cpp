@@ -78,6 +78,8 @@ model::Dynamics<double> plant_dynamics(const PlantParameters& p) {
 }
 
 Plant::Plant(const PlantParameters& parameters, const Pose<double>& start) {
+    time_s_ = parameters.start_s;
+    angle_ = parameters.start_angle_rad;
     set_parameters(parameters);
     place(start, {});
 }

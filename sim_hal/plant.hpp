@@ -39,8 +39,10 @@ struct PlantParameters {
     double centrifugal_kg_m = 0;    // c: mass times distance of the centre of gravity ahead of the axle
     double coriolis_kg_m = 0;       // d: minus the same in physical robots
     model::EffectSet<double> effects;
-    double wheel_inertia_kg_m2 = 0;  // of one wheel, part of M; used where tyres slip. 0: a tenth of M11
-    double span_s = 60;              // over which a linear gain drift takes its whole loss
+    double wheel_inertia_kg_m2 = 0;     // of one wheel, part of M; used where tyres slip. 0: a tenth of M11
+    double span_s = 60;                 // over which a linear gain drift takes its whole loss
+    double start_s = 0;                 // since the beginning of the run, for effects that know the time
+    WheelPair<double> start_angle_rad;  // of the wheels
 };
 
 // K7 and K8 must be positive. K5 and K6 are taken as they are, coupled or not.

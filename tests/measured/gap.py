@@ -34,7 +34,7 @@ class Gap(unittest.TestCase):
         self.assertEqual(found["verdict"], "named")
         names = {effect["name"]: effect for effect in found["effects"]}
         self.assertEqual(set(names), {"viscous_friction", "coulomb_friction", "torque_bias"})
-        self.assertEqual([rival["name"] for rival in names["torque_bias"]["rivals"]], ["slope"])
+        self.assertIn("slope", [rival["name"] for rival in names["torque_bias"]["rivals"]])
         # Janot, Gautier, Brunot (2019): 203.5 Ns/m, 20.4 N and -3.2 N for the whole axis, half of it here
         published = {"viscous_friction": 101.7, "coulomb_friction": 10.2, "torque_bias": 1.58}
         for name, value in published.items():

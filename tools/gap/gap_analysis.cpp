@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <iterator>
 #include <limits>
 
@@ -19,7 +20,7 @@ constexpr double kStep_s = 0.0005;       // of the simulated robot
 constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
 constexpr std::size_t kFewestBlocks = 6;
 constexpr double kHeldOutShare = 0.2;
-constexpr int kMostPasses = 4;
+constexpr int kMostPasses = 6;
 
 model::Dynamics<double> dynamics_of(const Fit& f, bool turning, double track_m) {
     model::Dynamics<double> k{f.value(0), f.value(1), f.value(2), f.value(3)};
@@ -43,8 +44,14 @@ struct Robot {
 template <typename Take>
 double run_free(const Robot& robot, const MeasuredLog& log, std::size_t from, std::size_t to,
                 double heading_rad, Take&& take) {
-    sim::Plant plant(sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects),
-                     {0, 0, heading_rad});
+    sim::PlantParameters parameters = sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects);
+    parameters.start_s = log.samples[from].t_s - log.samples.front().t_s;
+    parameters.span_s = log.samples.back().t_s - log.samples.front().t_s;
+    for (std::size_t i = 0; i < from; ++i) {
+        parameters.start_angle_rad.left += log.period_s * log.samples[i].speed_rad_per_s.left;
+        parameters.start_angle_rad.right += log.period_s * log.samples[i].speed_rad_per_s.right;
+    }
+    sim::Plant plant(parameters, {0, 0, heading_rad});
     const auto balanced = [&](WheelPair<double> pair) {
         if (robot.turning) return pair;
         const double mean = pair.sum() / 2;
@@ -53,12 +60,24 @@ double run_free(const Robot& robot, const MeasuredLog& log, std::size_t from, st
     plant.place({0, 0, heading_rad},
                 model::twist_from_wheel_speeds(robot.geometry, balanced(log.samples[from].speed_rad_per_s)));
     const int steps = static_cast<int>(std::ceil(log.period_s / kStep_s - 1e-9));
+    // What the drives would report of it.
+    constexpr std::size_t kLag = model::find_effect("measurement_lag");
+    const model::Parameters<double> lag =
+        robot.effects.active[kLag] ? robot.effects.parameter[kLag] : model::Parameters<double>{};
+    WheelPair<model::MeasurementLag::Memory<double>> late{{log.samples[from].speed_rad_per_s.left},
+                                                          {log.samples[from].speed_rad_per_s.right}};
     double sum = 0;
     for (std::size_t i = from; i + 1 < to; ++i) {
         const WheelPair<double> torque = balanced(log.samples[i].torque_Nm);
-        for (int s = 0; s < steps; ++s) plant.advance(log.period_s / steps, torque);
+        WheelPair<double> simulated;
+        for (int s = 0; s < steps; ++s) {
+            const double step_s = log.period_s / steps;
+            plant.advance(step_s, torque);
+            const WheelPair<double>& is = plant.wheel_speed_rad_per_s();
+            simulated = {model::MeasurementLag::report_speed(lag, late.left, is.left, step_s),
+                         model::MeasurementLag::report_speed(lag, late.right, is.right, step_s)};
+        }
         const WheelPair<double>& measured = log.samples[i + 1].speed_rad_per_s;
-        const WheelPair<double>& simulated = plant.wheel_speed_rad_per_s();
         sum += std::pow(simulated.left - measured.left, 2) + std::pow(simulated.right - measured.right, 2);
         take(i + 1, simulated);
     }
@@ -74,21 +93,32 @@ class Analysis {
         if (good()) look();
         if (!good()) return findings_;
         split();
+        take_sensors();
         request_.progress("products of columns");
         first_model();
         if (!good()) return findings_;
         request_.progress("search");
-        findings_.search = search(train_, report_.blocks, {base_effects(), findings_.turning});
+        look_for_effects();
         // Columns may depend on K5..K8 (a slope's do), which what was missing had
-        // spoilt.
+        // spoilt, and on where an effect that is not linear was looked for.
         for (int again = 0; again < kMostPasses && !findings_.search.effects.empty(); ++again) {
             const model::Dynamics<double> found =
                 dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
-            if (close(found, dynamics_)) break;
-            make(found);
-            findings_.search = search(train_, report_.blocks, {base_effects(), findings_.turning});
+            if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
+            const Points points = findings_.search.points;
+            Pass before{findings_.search, *dictionary_, std::move(train_), std::move(report_)};
+            make(found, points);
+            look_for_effects();
+            if (is_worse(findings_.search, before.search)) {
+                findings_.search = std::move(before.search);
+                dictionary_.emplace(std::move(before.dictionary));
+                train_ = std::move(before.train);
+                report_ = std::move(before.report);
+                break;
+            }
         }
         refine_names();
+        name_sensors();
         take_models();
         request_.progress("free run on the held-out part");
         free_runs();
@@ -97,6 +127,19 @@ class Analysis {
     }
 
   private:
+    // A look at the log with one dictionary.
+    struct Pass {
+        Search search;
+        Dictionary dictionary;
+        BlockSet train, report;
+    };
+    // A closer look must not lose what was found.
+    static bool is_worse(const Search& later, const Search& earlier) {
+        constexpr double kSlack = 1.02;
+        return later.effects.empty() || (later.effects.size() < earlier.effects.size() &&
+                                         later.gap_after > kSlack * earlier.gap_after);
+    }
+
     bool good() const { return findings_.problems.empty(); }
     void problem(const std::string& text) { findings_.problems.push_back(text); }
 
@@ -110,6 +153,20 @@ class Analysis {
             last_file_ = logs_.size();
             std::move(read.logs.begin(), read.logs.end(), std::back_inserter(logs_));
         }
+        unusable_.resize(logs_.size());
+        for (std::size_t i = 0; i < logs_.size(); ++i) {
+            const std::vector<LogFault> faults = repair(logs_[i], unusable_[i]);
+            findings_.faults.insert(findings_.faults.end(), faults.begin(), faults.end());
+            for (const LogFault& fault : faults) findings_.notes.push_back(words_of(fault));
+        }
+    }
+
+    static std::string words_of(const LogFault& fault) {
+        std::array<char, 160> text{};
+        std::snprintf(text.data(), text.size(), "%s: %zu samples (%.3g %%), the first at %.3f s; %s",
+                      fault.name.c_str(), fault.count, 100 * fault.rate, fault.first_s,
+                      fault.name == "log_outliers" ? "put between their neighbours" : "left out");
+        return text.data();
     }
 
     void look() {
@@ -122,6 +179,11 @@ class Analysis {
             for (const MeasuredSample& s : log.samples) {
                 torque += std::pow(s.torque_Nm.left, 2) + std::pow(s.torque_Nm.right, 2);
                 speed += std::pow(s.speed_rad_per_s.left, 2) + std::pow(s.speed_rad_per_s.right, 2);
+                for (const auto side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+                    peak_torque_Nm_ = std::max(peak_torque_Nm_, std::abs(s.torque_Nm.*side));
+                    peak_speed_rad_per_s_ =
+                        std::max(peak_speed_rad_per_s_, std::abs(s.speed_rad_per_s.*side));
+                }
                 negative_torque = negative_torque || s.torque_Nm.left < 0 || s.torque_Nm.right < 0;
                 negative_speed =
                     negative_speed || s.speed_rad_per_s.left < -1 || s.speed_rad_per_s.right < -1;
@@ -143,33 +205,22 @@ class Analysis {
         double yaw = 0;
         double count = 0;
         const model::Geometry<double>& g = request_.geometry;
-        double gg = 0, gw = 0, ww = 0, g1 = 0, w1 = 0, n = 0;
         for (const MeasuredLog& log : logs_) {
             for (const MeasuredSample& s : log.samples) {
                 const double omega = model::twist_from_wheel_speeds(g, s.speed_rad_per_s).omega_rad_per_s;
                 yaw += omega * omega;
                 ++count;
-                if (log.has_gyro) {
-                    gg += s.gyro_rad_per_s * s.gyro_rad_per_s;
-                    gw += s.gyro_rad_per_s * omega;
-                    ww += omega * omega;
-                    g1 += s.gyro_rad_per_s;
-                    w1 += omega;
-                    ++n;
-                }
             }
         }
         const double noise = std::hypot(g.wheel_radius_m.left * findings_.noise_rad_per_s.left,
                                         g.wheel_radius_m.right * findings_.noise_rad_per_s.right) /
                              g.track_m;
         findings_.turning = yaw / count > kTurningOverNoise * noise * noise;
-        if (n > 0 && findings_.turning) {
-            const double spread = ww - w1 * w1 / n;
-            const double slope = spread > 0 ? (gw - g1 * w1 / n) / spread : 0.0;
-            const double bias = (g1 - slope * w1) / n;
-            const double rest = std::max(0.0, gg - g1 * g1 / n - slope * slope * spread);
-            const double error = spread > 0 ? std::sqrt(rest / n / spread) : 0.0;
-            findings_.gyro = {bias, slope, error};
+        sensors_ = look_at_sensors(logs_, g);
+        if (sensors_.gyro && findings_.turning) {
+            findings_.gyro = sensors_.gyro;
+            const double slope = sensors_.gyro->slope;
+            const double error = sensors_.gyro->slope_error;
             const auto near = [&](double factor) { return std::abs(slope / factor - 1) < 0.2; };
             if (slope < 0 && std::abs(slope) > 20 * error) {
                 problem(
@@ -213,10 +264,10 @@ class Analysis {
                                .omega_rad_per_s;
                 ++cut;
             }
-            if (cut > 1) training_.push_back({&log, i, 0, cut, log.start_heading_rad});
+            if (cut > 1) training_.push_back({&log, i, 0, cut, log.start_heading_rad, &unusable_[i]});
             const std::size_t after = log.samples.size() - cut;
             if (i >= last && after > std::max<std::size_t>(longest, 2)) {
-                held_out_ = LogPart{&log, i, cut, log.samples.size(), heading};
+                held_out_ = LogPart{&log, i, cut, log.samples.size(), heading, &unusable_[i]};
                 longest = after;
             }
         }
@@ -232,11 +283,90 @@ class Analysis {
                near(a.k8_per_kg_m2, b.k8_per_kg_m2, b.k8_per_kg_m2) && near(a.k5_m, b.k5_m, 0.1);
     }
 
-    void make(const model::Dynamics<double>& dynamics) {
-        dynamics_ = dynamics;
+    void look_for_effects() {
+        SearchOptions options;
+        options.dictionary = &*dictionary_;
+        options.base = base_effects();
+        options.given = given_;
+        options.excluded = excluded_;
+        options.turning = findings_.turning;
+        findings_.search = search(train_, report_.blocks, options);
+    }
+
+    // Whether the effects found lie where their columns were made: a tenth of a standard error.
+    bool near_enough() const {
+        const Search& s = findings_.search;
+        for (const NamedEffect& e : s.effects) {
+            for (const Way& way : s.members) {
+                if (way.effect != e.effect || way.kind == Way::Kind::linear) continue;
+                if (way.kind == Way::Kind::grid) return false;
+                for (std::size_t j = 0; j < e.parameters.size(); ++j) {
+                    if (std::abs(e.parameters[j].value - way.at[j]) > 0.2 * e.parameters[j].standard_error)
+                        return false;
+                }
+            }
+        }
+        return true;
+    }
+
+    // What the gyro says of the wheels' report and of their radii.
+    void take_sensors() {
+        if (!sensors_.gyro || !findings_.turning) return;
+        const Sensors::Gyro& gyro = *sensors_.gyro;
+        constexpr double kShortLag_s = 0.003;
+        constexpr double kSmallMismatch = 0.004;
+        const std::size_t lag = model::find_effect("measurement_lag");
+        for (const SensorEffect& e : sensors_.effects) {
+            if (e.effect == lag) given_[lag] = {e.value};
+        }
+        if (!given_.contains(lag) && 3 * gyro.lag_error_s < kShortLag_s) excluded_.push_back(lag);
+        const double mismatch = std::abs(gyro.bend_per_m) * request_.geometry.track_m;
+        const double error = gyro.bend_error * request_.geometry.track_m;
+        if (mismatch + 3 * error < kSmallMismatch) {
+            excluded_.push_back(model::find_effect("wheel_radius_mismatch"));
+        }
+    }
+
+    // They come from no search, but are as much a part of what was found.
+    void name_sensors() {
+        Search& s = findings_.search;
+        for (const SensorEffect& e : sensors_.effects) {
+            if (e.effect == model::find_effect("measurement_lag") && !given_.contains(e.effect)) continue;
+            NamedEffect named;
+            named.effect = e.effect;
+            named.probability = 0;
+            constexpr double kQuantile = 1.96;
+            named.parameters.push_back(
+                {e.value,
+                 e.standard_error,
+                 {e.value - kQuantile * e.standard_error, e.value + kQuantile * e.standard_error},
+                 true});
+            s.effects.push_back(named);
+        }
+        if (s.verdict == Verdict::nothing_missing && !s.effects.empty()) {
+            s.verdict = Verdict::named;
+            s.reason = "what a sensor reports shows it directly";
+        }
+    }
+
+    Setting setting_for(const model::Dynamics<double>& dynamics) const {
+        Setting setting{request_.geometry, dynamics, peak_torque_Nm_, peak_speed_rad_per_s_, 0, 0};
+        for (const MeasuredLog& log : logs_) {
+            setting.span_s = std::max(setting.span_s, log.samples.back().t_s - log.samples.front().t_s);
+        }
+        setting.period_s = logs_.front().period_s;
+        return setting;
+    }
+
+    void make(const model::Dynamics<double>& dynamics, Points points) {
+        const model::EffectSet<double> base = base_effects();
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            if (base.active[i]) points.try_emplace(i, base.parameter[i]);
+        }
+        for (const auto& [effect, parameters] : given_) points[effect] = parameters;
+        dictionary_.emplace(setting_for(dynamics), points);
         BlockOptions options;
-        options.geometry = request_.geometry;
-        options.dynamics = dynamics;
+        options.dictionary = &*dictionary_;
         options.noise_rad_per_s = findings_.noise_rad_per_s;
         options.speed_rms_rad_per_s = speed_rms_;
         double total = 0;
@@ -266,7 +396,7 @@ class Analysis {
     void first_model() {
         model::Dynamics<double> start;
         start.k7_per_kg_m = 1;
-        make(start);
+        make(start, {});
         if (train_.blocks.size() < kFewestBlocks) {
             problem("too short: " + std::to_string(train_.blocks.size()) +
                     " pieces of at least half a second in which " +
@@ -274,7 +404,7 @@ class Analysis {
                     std::to_string(kFewestBlocks) + "; drive for 20 s");
             return;
         }
-        const Fit f = fit(pointers(train_), {{{{kTiming}}}, findings_.turning});
+        const Fit f = fit(pointers(train_), {{{{Dictionary::kTiming}}}, {}, findings_.turning});
         if (!(f.value(2) > 0)) {
             problem(
                 "forward torque slows the robot down: is the sign of torque or "
@@ -291,7 +421,7 @@ class Analysis {
             findings_.turning = false;  // turned, but not by the torques
         }
         findings_.blocks = train_.blocks.size();
-        make(dynamics_of(f, findings_.turning, request_.geometry.track_m));
+        make(dynamics_of(f, findings_.turning, request_.geometry.track_m), {});
     }
 
     // What would tell the named ones from their rivals: the motion in which they
@@ -299,11 +429,12 @@ class Analysis {
     void refine_names() {
         const Search& s = findings_.search;
         Confusion c;
-        c.geometry = request_.geometry;
-        c.dynamics = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
-        c.effects = effects_of(s.after);
+        c.setting = dictionary_->setting();
+        c.setting.dynamics = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
+        c.points = s.points;
+        c.effects = effects_of(s.members, s.after, dictionary_->setting());
         c.base = s.base;
-        c.after = s.after;
+        c.members = s.members;
         c.torque_rms_Nm = train_.torque_rms_Nm;
         c.speed_rms_rad_per_s = speed_rms_;
         c.noise_rad_per_s = findings_.noise_rad_per_s;
@@ -324,23 +455,28 @@ class Analysis {
         findings_.before = dynamics_of(s.base, findings_.turning, track);
         findings_.after = dynamics_of(s.after, findings_.turning, track);
         findings_.after_error = {s.after.error(0), s.after.error(1), s.after.error(2), s.after.error(3)};
-        findings_.effects_before = effects_of(s.base);
-        findings_.effects_after = effects_of(s.after);
+        findings_.effects_before =
+            effects_of({s.members.begin(), s.members.begin() + std::ptrdiff_t(s.base_members)}, s.base,
+                       dictionary_->setting());
+        findings_.effects_after = effects_of(s.members, s.after, dictionary_->setting());
         if (request_.robot) {
             Fit nominal = s.base;
             const auto& k = request_.robot->dynamics;
             nominal.value.setZero();
             nominal.value.head<4>() << k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2;
-            for (std::size_t a = 0; a < nominal.shape.amounts.size(); ++a) {
-                const ColumnName& name = columns()[std::size_t(nominal.shape.amounts[a].columns.front())];
-                if (name.effect == model::kEffectCount) continue;
-                model::Parameters<double> c = request_.robot->effects.parameter[name.effect];
+            Eigen::Index at = 5;  // after K5..K8 and the timing
+            for (std::size_t m = 0; m < s.base_members; ++m) {
+                const Way& way = s.members[m];
+                model::Parameters<double> c = request_.robot->effects.parameter[way.effect];
                 std::array<bool, model::kEffectCount> one{};
-                one[name.effect] = true;
+                one[way.effect] = true;
                 model::for_each_active(one, [&]<typename Effect>(std::size_t) {
                     if constexpr (model::HasOwnCoordinates<Effect>) c = Effect::coordinates(c);
                 });
-                nominal.value(4 + Eigen::Index(a)) = c[name.coordinate];
+                for (std::size_t i = 0; i < way.amounts.size(); ++i, ++at) {
+                    // a point is the robot file's own
+                    if (way.kind == Way::Kind::linear) nominal.value(at) = c[way.coordinate[i]];
+                }
             }
             const Blocks all = pointers(train_);
             findings_.gap_nominal = squares(all, nominal) / row_count(all, nominal.shape);
@@ -485,9 +621,14 @@ class Analysis {
     std::size_t last_file_ = 0;  // its first stretch
     std::vector<LogPart> training_;
     std::optional<LogPart> held_out_;
+    std::vector<std::vector<bool>> unusable_;  // samples of each log
+    Sensors sensors_;
+    Points given_;
+    std::vector<std::size_t> excluded_;
     BlockSet train_, report_;
     double speed_rms_ = 0;
-    model::Dynamics<double> dynamics_;  // that the columns were made with
+    std::optional<Dictionary> dictionary_;
+    double peak_torque_Nm_ = 0, peak_speed_rad_per_s_ = 0;
     std::vector<std::vector<double>> heading_;
 };
 

@@ -11,6 +11,7 @@
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/gap/closed_loop.hpp"
 #include "tools/gap/gap_search.hpp"
+#include "tools/gap/gap_sensors.hpp"
 
 namespace wheelwright::gap {
 
@@ -48,7 +49,8 @@ struct Findings {
     double duration_s = 0, rate_Hz = 0;
     std::size_t blocks = 0;
     WheelPair<double> noise_rad_per_s;
-    std::optional<std::array<double, 3>> gyro;  // bias, gyro per wheel yaw rate, its standard error
+    std::optional<Sensors::Gyro> gyro;
+    std::vector<LogFault> faults;
     std::vector<FreeRun> heldout;
     double heldout_s = 0, heldout_from_s = 0, floor_rad_per_s = 0, heldout_rms_rad_per_s = 0;
     std::optional<double> gap_nominal;  // mean squared whitened residual of the given model

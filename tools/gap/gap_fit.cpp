@@ -10,18 +10,50 @@ namespace {
 constexpr Eigen::Index kK5 = 0, kK6 = 1, kK7 = 2, kK8 = 3, kFirstAmount = 4;
 constexpr int kIterations = 6;
 constexpr double kOut = 1e20;
-// The torque may be logged as late or early as this: which instant of the
-// sample it belongs to is seldom said. More would be an effect, and on a ramp
-// of torque it looks like friction.
-constexpr double kTimingRange_samples = 1.5;
 
-Eigen::Index width() { return static_cast<Eigen::Index>(columns().size()); }
+Eigen::Index width(const Blocks& blocks) {
+    return blocks.empty() ? 0 : blocks.front()->product[kLinear].rows() - 1;
+}
 
-std::array<Eigen::MatrixXd, kEquations> sum_of(const Blocks& blocks) {
-    std::array<Eigen::MatrixXd, kEquations> sum;
+// The columns that a model needs, y last, and where each of its amounts' stand among them.
+struct Used {
+    std::vector<int> column;
+    std::vector<std::vector<Eigen::Index>> amount;
+    std::vector<Eigen::Index> fixed;
+    Eigen::Index product = 0, torque = 1, y = 0;
+};
+
+Eigen::Index place(std::vector<int>& columns, int column) {
+    const auto found = std::find(columns.begin(), columns.end(), column);
+    if (found != columns.end()) return found - columns.begin();
+    columns.push_back(column);
+    return static_cast<Eigen::Index>(columns.size()) - 1;
+}
+
+Used used_by(const Blocks& blocks, const ModelShape& shape) {
+    Used used;
+    used.column = {Dictionary::kProduct, Dictionary::kTorque};
+    for (const Amount& amount : shape.amounts) {
+        used.amount.emplace_back();
+        for (const int c : amount.columns) used.amount.back().push_back(place(used.column, c));
+    }
+    for (const int c : shape.fixed) used.fixed.push_back(place(used.column, c));
+    used.y = place(used.column, static_cast<int>(width(blocks)));
+    return used;
+}
+
+using Products = std::array<Eigen::MatrixXd, kEquations>;
+
+Eigen::MatrixXd picked(const Eigen::MatrixXd& product, const std::vector<int>& columns) {
+    return product(columns, columns);
+}
+
+Products sum_of(const Blocks& blocks, const Used& used) {
+    Products sum;
+    const auto size = static_cast<Eigen::Index>(used.column.size());
     for (std::size_t e = 0; e < kEquations; ++e) {
-        sum[e] = Eigen::MatrixXd::Zero(width() + 1, width() + 1);
-        for (const Block* block : blocks) sum[e] += block->product[e];
+        sum[e] = Eigen::MatrixXd::Zero(size, size);
+        for (const Block* block : blocks) sum[e] += picked(block->product[e], used.column);
     }
     return sum;
 }
@@ -32,55 +64,60 @@ struct Coefficients {
     std::array<Eigen::MatrixXd, kEquations> slope;
 };
 
-Coefficients coefficients(const ModelShape& shape, const Eigen::VectorXd& p, bool slopes) {
+Coefficients coefficients(const Used& used, const Eigen::VectorXd& p, bool slopes) {
     Coefficients c;
+    const auto size = static_cast<Eigen::Index>(used.column.size());
     for (std::size_t e = 0; e < kEquations; ++e) {
         const Eigen::Index product = e == kLinear ? kK5 : kK6;
         const Eigen::Index gain = e == kLinear ? kK7 : kK8;
         Eigen::VectorXd& value = c.value[e];
-        value = Eigen::VectorXd::Zero(width() + 1);
-        value(width()) = -1;
-        value(kProduct) = p(product);
-        value(kTorque) = p(gain);
-        for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
-            for (const int column : shape.amounts[i].columns) {
+        value = Eigen::VectorXd::Zero(size);
+        value(used.y) = -1;
+        value(used.product) = p(product);
+        value(used.torque) = p(gain);
+        for (std::size_t i = 0; i < used.amount.size(); ++i) {
+            for (const Eigen::Index column : used.amount[i]) {
                 value(column) += p(gain) * p(kFirstAmount + Eigen::Index(i));
             }
         }
+        for (const Eigen::Index column : used.fixed) value(column) += p(gain);
         if (!slopes) continue;
         Eigen::MatrixXd& slope = c.slope[e];
-        slope = Eigen::MatrixXd::Zero(width() + 1, p.size());
-        slope(kProduct, product) = 1;
-        slope(kTorque, gain) = 1;
-        for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
+        slope = Eigen::MatrixXd::Zero(size, p.size());
+        slope(used.product, product) = 1;
+        slope(used.torque, gain) = 1;
+        for (std::size_t i = 0; i < used.amount.size(); ++i) {
             const Eigen::Index at = kFirstAmount + Eigen::Index(i);
-            for (const int column : shape.amounts[i].columns) {
+            for (const Eigen::Index column : used.amount[i]) {
                 slope(column, gain) += p(at);
                 slope(column, at) += p(gain);
             }
         }
+        for (const Eigen::Index column : used.fixed) slope(column, gain) += 1;
     }
     return c;
 }
 
 // What nothing tells stays near zero: variances of priors, so wide that no log
 // notices them.
-Eigen::VectorXd prior_precision(const ModelShape& shape, const std::array<Eigen::MatrixXd, kEquations>& sum) {
+Eigen::VectorXd prior_precision(const Used& used, const ModelShape& shape, const Products& sum,
+                                double timing_range) {
     Eigen::VectorXd precision(kFirstAmount + Eigen::Index(shape.amounts.size()));
     precision(kK5) = 1 / (0.5 * 0.5);
     precision(kK6) = 1 / (50.0 * 50.0);
     precision(kK7) = precision(kK8) = 1e-9;
     for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
-        // ten times the torque that was commanded
-        double column = 0;
-        for (const int c : shape.amounts[i].columns) {
-            for (std::size_t e = 0; e < kEquations; ++e) column += sum[e](c, c);
-        }
-        const double torque = sum[kLinear](kTorque, kTorque) + sum[kTurning](kTorque, kTorque);
-        if (shape.amounts[i].columns.front() == kTiming) {
-            precision(kFirstAmount + Eigen::Index(i)) = 1 / (kTimingRange_samples * kTimingRange_samples);
+        if (shape.amounts[i].columns.front() == Dictionary::kTiming) {
+            precision(kFirstAmount + Eigen::Index(i)) = 1 / (timing_range * timing_range);
             continue;
         }
+        // ten times the torque that was commanded
+        double column = 0;
+        for (const Eigen::Index c : used.amount[i]) {
+            for (std::size_t e = 0; e < kEquations; ++e) column += sum[e](c, c);
+        }
+        const double torque =
+            sum[kLinear](used.torque, used.torque) + sum[kTurning](used.torque, used.torque);
         precision(kFirstAmount + Eigen::Index(i)) = 1e-9 + (torque > 0 ? 1e-2 * column / torque : 0.0);
     }
     return precision;
@@ -88,21 +125,22 @@ Eigen::VectorXd prior_precision(const ModelShape& shape, const std::array<Eigen:
 
 // Each equation by itself is linear in its coefficients: with them the
 // iteration starts near its end.
-void start(const std::array<Eigen::MatrixXd, kEquations>& sum, const ModelShape& shape, Eigen::VectorXd& p) {
+void start(const Products& sum, const Used& used, const ModelShape& shape, Eigen::VectorXd& p) {
     const auto count = Eigen::Index(shape.amounts.size());
+    const auto size = static_cast<Eigen::Index>(used.column.size());
     Eigen::VectorXd weight = Eigen::VectorXd::Zero(count);
     for (std::size_t e = 0; e < (shape.turning ? kEquations : kTurning); ++e) {
-        Eigen::MatrixXd pick = Eigen::MatrixXd::Zero(width(), 2 + count);
-        pick(kProduct, 0) = 1;
-        pick(kTorque, 1) = 1;
+        Eigen::MatrixXd pick = Eigen::MatrixXd::Zero(size, 2 + count);
+        pick(used.product, 0) = 1;
+        pick(used.torque, 1) = 1;
+        for (const Eigen::Index column : used.fixed) pick(column, 1) = 1;
         for (Eigen::Index i = 0; i < count; ++i) {
-            for (const int column : shape.amounts[std::size_t(i)].columns) pick(column, 2 + i) = 1;
+            for (const Eigen::Index column : used.amount[std::size_t(i)]) pick(column, 2 + i) = 1;
         }
-        const Eigen::MatrixXd all = sum[e].topLeftCorner(width(), width());
-        Eigen::MatrixXd normal = pick.transpose() * all * pick;
+        Eigen::MatrixXd normal = pick.transpose() * sum[e] * pick;
         const Eigen::VectorXd own = normal.diagonal();
         for (Eigen::Index i = 0; i < own.size(); ++i) normal(i, i) += 1e-7 * own(i) + 1e-12;
-        const Eigen::VectorXd c = normal.ldlt().solve(pick.transpose() * sum[e].col(width()).head(width()));
+        const Eigen::VectorXd c = normal.ldlt().solve(pick.transpose() * sum[e].col(used.y));
         p(e == kLinear ? kK5 : kK6) = c(0);
         p(e == kLinear ? kK7 : kK8) = c(1);
         if (!(c(1) > 0)) continue;
@@ -121,6 +159,11 @@ double square_of(const Eigen::MatrixXd& product, const Eigen::VectorXd& c) { ret
 
 }  // namespace
 
+double timing_range_samples(double period_s) {
+    constexpr double kSlow_s = 1 / 90.0;
+    return period_s > kSlow_s ? 1.5 : 0.1;
+}
+
 double row_count(const Blocks& blocks, const ModelShape& shape) {
     double rows = 0;
     for (const Block* block : blocks) {
@@ -136,15 +179,17 @@ Fit fit(const Blocks& blocks, const ModelShape& shape) {
     const Eigen::Index size = kFirstAmount + Eigen::Index(shape.amounts.size());
     Eigen::VectorXd& p = result.value;
     p = Eigen::VectorXd::Zero(size);
-    const auto sum = sum_of(blocks);
+    const Used used = used_by(blocks, shape);
+    const Products sum = sum_of(blocks, used);
     const std::size_t equations = shape.turning ? kEquations : kTurning;
-    start(sum, shape, p);
-    Eigen::VectorXd prior = prior_precision(shape, sum);
+    const double timing_range = timing_range_samples(blocks.front()->period_s);
+    start(sum, used, shape, p);
+    Eigen::VectorXd prior = prior_precision(used, shape, sum, timing_range);
     if (!shape.turning) prior(kK5) = kOut;  // a yaw rate that is noise alone tells nothing of it
     Eigen::VectorXd centre = Eigen::VectorXd::Zero(size);
     Eigen::MatrixXd normal;
     for (int iteration = 0; iteration < kIterations; ++iteration) {
-        const Coefficients c = coefficients(shape, p, true);
+        const Coefficients c = coefficients(used, p, true);
         normal = prior.asDiagonal();
         Eigen::VectorXd gradient = prior.cwiseProduct(centre - p);
         for (std::size_t e = 0; e < equations; ++e) {
@@ -155,18 +200,18 @@ Fit fit(const Blocks& blocks, const ModelShape& shape) {
         p += normal.ldlt().solve(gradient);
         for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
             const Eigen::Index at = kFirstAmount + Eigen::Index(i);
-            if (shape.amounts[i].columns.front() != kTiming || std::abs(p(at)) <= kTimingRange_samples)
+            if (shape.amounts[i].columns.front() != Dictionary::kTiming || std::abs(p(at)) <= timing_range)
                 continue;
-            centre(at) = p(at) = std::copysign(kTimingRange_samples, p(at));
+            centre(at) = p(at) = std::copysign(timing_range, p(at));
             prior(at) = kOut;
         }
     }
-    const Coefficients c = coefficients(shape, p, true);
+    const Coefficients c = coefficients(used, p, true);
     Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(size, size);
     for (const Block* block : blocks) {
         Eigen::VectorXd score = Eigen::VectorXd::Zero(size);
         for (std::size_t e = 0; e < equations; ++e) {
-            score -= c.slope[e].transpose() * (block->product[e] * c.value[e]);
+            score -= c.slope[e].transpose() * (picked(block->product[e], used.column) * c.value[e]);
         }
         meat += score * score.transpose();
     }
@@ -185,19 +230,18 @@ Fit fit(const Blocks& blocks, const ModelShape& shape) {
     return result;
 }
 
-double squares(const Block& block, const Fit& fit) {
-    const Coefficients c = coefficients(fit.shape, fit.value, false);
-    double total = square_of(block.product[kLinear], c.value[kLinear]);
-    if (fit.shape.turning) total += square_of(block.product[kTurning], c.value[kTurning]);
-    return total;
-}
+double squares(const Block& block, const Fit& fit) { return squares(Blocks{&block}, fit); }
 
 double squares(const Blocks& blocks, const Fit& fit) {
-    const Coefficients c = coefficients(fit.shape, fit.value, false);
+    if (blocks.empty()) return 0;
+    const Used used = used_by(blocks, fit.shape);
+    const Coefficients c = coefficients(used, fit.value, false);
     double total = 0;
     for (const Block* block : blocks) {
-        total += square_of(block->product[kLinear], c.value[kLinear]);
-        if (fit.shape.turning) total += square_of(block->product[kTurning], c.value[kTurning]);
+        total += square_of(picked(block->product[kLinear], used.column), c.value[kLinear]);
+        if (fit.shape.turning) {
+            total += square_of(picked(block->product[kTurning], used.column), c.value[kTurning]);
+        }
     }
     return total;
 }
@@ -205,19 +249,22 @@ double squares(const Blocks& blocks, const Fit& fit) {
 double torque_squares(const Blocks& blocks, const Fit& fit) {
     double total = 0;
     for (const Block* block : blocks) {
-        total += fit.value(kK7) * fit.value(kK7) * block->product[kLinear](kTorque, kTorque);
+        total += fit.value(kK7) * fit.value(kK7) *
+                 block->product[kLinear](Dictionary::kTorque, Dictionary::kTorque);
         if (fit.shape.turning) {
-            total += fit.value(kK8) * fit.value(kK8) * block->product[kTurning](kTorque, kTorque);
+            total += fit.value(kK8) * fit.value(kK8) *
+                     block->product[kTurning](Dictionary::kTorque, Dictionary::kTorque);
         }
     }
     return total;
 }
 
 double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& extra) {
-    std::vector<int> used{kProduct, kTorque};
+    std::vector<int> used{Dictionary::kProduct, Dictionary::kTorque};
     for (const Amount& amount : shape.amounts) {
         used.insert(used.end(), amount.columns.begin(), amount.columns.end());
     }
+    used.insert(used.end(), shape.fixed.begin(), shape.fixed.end());
     used.insert(used.end(), extra.begin(), extra.end());
     std::sort(used.begin(), used.end());
     used.erase(std::unique(used.begin(), used.end()), used.end());
@@ -228,7 +275,7 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
         const auto y = Eigen::Index(used.size());
         const auto reduced = [&](const Eigen::MatrixXd& product) {
             std::vector<int> with_y = used;
-            with_y.push_back(static_cast<int>(width()));
+            with_y.push_back(static_cast<int>(width(blocks)));
             return Eigen::MatrixXd(product(with_y, with_y));
         };
         std::vector<Eigen::MatrixXd> each;
@@ -253,27 +300,23 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
 
 double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>& wanted,
                 const std::vector<Amount>& rival) {
-    const auto sum = sum_of(blocks);
-    const std::size_t equations = base.shape.turning ? kEquations : kTurning;
-    const Coefficients c = coefficients(base.shape, base.value, true);
-    // Directions in the space of columns: what `base` can do already, the rival,
-    // and what is wanted.
-    const auto direction = [&](const Amount& amount, std::size_t e) {
-        Eigen::VectorXd d = Eigen::VectorXd::Zero(width() + 1);
-        for (const int column : amount.columns) d(column) = base.value(e == kLinear ? kK7 : kK8);
-        return d;
-    };
-    const Eigen::Index have = base.value.size();
+    // Directions in the space of columns: what `base` can do already, the rival, and what is wanted.
+    ModelShape all_of_them = base.shape;
+    for (const auto* more : {&rival, &wanted}) {
+        all_of_them.amounts.insert(all_of_them.amounts.end(), more->begin(), more->end());
+    }
+    const Used used = used_by(blocks, all_of_them);
+    const Products sum = sum_of(blocks, used);
     const auto more = Eigen::Index(rival.size());
     const auto goal = Eigen::Index(wanted.size());
+    const Eigen::Index have = base.value.size();
     const Eigen::Index all = have + more + goal;
+    Eigen::VectorXd at = Eigen::VectorXd::Zero(all);
+    at.head(have) = base.value;
+    const Coefficients c = coefficients(used, at, true);
     Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(all, all);
-    for (std::size_t e = 0; e < equations; ++e) {
-        Eigen::MatrixXd d(width() + 1, all);
-        d.leftCols(have) = c.slope[e];
-        for (Eigen::Index i = 0; i < more; ++i) d.col(have + i) = direction(rival[std::size_t(i)], e);
-        for (Eigen::Index i = 0; i < goal; ++i) d.col(have + more + i) = direction(wanted[std::size_t(i)], e);
-        gram += d.transpose() * sum[e] * d;
+    for (std::size_t e = 0; e < (base.shape.turning ? kEquations : kTurning); ++e) {
+        gram += c.slope[e].transpose() * sum[e] * c.slope[e];
     }
     const auto left_over = [&](Eigen::Index known) {
         Eigen::MatrixXd inner = gram.topLeftCorner(known, known);

@@ -14,16 +14,10 @@
 
 namespace wheelwright::gap {
 
-// Columns that share one amount. Several columns: they are equal (left and
-// right).
-struct Amount {
-    std::vector<int> columns;
-    bool operator==(const Amount&) const = default;
-};
-
 struct ModelShape {
     std::vector<Amount> amounts;
-    bool turning = true;  // false: the turning equation is left out
+    std::vector<int> fixed;  // columns whose amount is one
+    bool turning = true;     // false: the turning equation is left out
 };
 
 using Blocks = std::vector<const Block*>;
@@ -57,5 +51,9 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
 // columns with `rival` can stand for.
 double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>& wanted,
                 const std::vector<Amount>& rival);
+
+// How far the torque may be logged late or early, in samples: which instant of a slow log's sample it belongs
+// to is seldom said. More would be an effect, and on a ramp of torque it looks like friction.
+double timing_range_samples(double period_s);
 
 }  // namespace wheelwright::gap

@@ -248,9 +248,10 @@ std::string json(const Findings& f, const Request& request) {
     log["wheel_speed_noise_rad_s"] = {number(f.noise_rad_per_s.left), number(f.noise_rad_per_s.right)};
     log["torque_acts_late_samples"] = {number(s.timing_samples), number(s.timing_error)};
     if (f.gyro) {
-        log["gyro"] = {{"bias_rad_per_s", number((*f.gyro)[0])},
-                       {"per_wheel_yaw_rate", number((*f.gyro)[1])},
-                       {"standard_error", number((*f.gyro)[2])}};
+        log["gyro"] = {{"bias_rad_per_s", number(f.gyro->bias_rad_per_s)},
+                       {"per_wheel_yaw_rate", number(f.gyro->slope)},
+                       {"standard_error", number(f.gyro->slope_error)},
+                       {"wheels_lag_s", number(f.gyro->lag_s)}};
     }
     out["log"] = log;
     return out.dump(2) + "\n";

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
+#include <optional>
 
 namespace wheelwright::gap {
 namespace {
@@ -17,159 +18,15 @@ constexpr int kFewestIntervals = 20;
 constexpr double kStanding_s = 0.02;
 constexpr double kStandingShare = 0.005;  // of the RMS speed: slower than this for longer than that stands
 
-// A function of motion and torque that stands for no effect.
-struct Instant {
-    WheelPair<double> torque, before, speed;  // speed: mean of the interval's ends
-    WheelPair<double> slow_torque;
-    Twist<double> twist;
-    double heading = 0, time = 0;
-    WheelPair<double> angle;
-};
-struct Rich {
-    std::string_view place;
-    WheelPair<double> (*value)(const Instant&);
-};
-double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
-WheelPair<double> each(const WheelPair<double>& a, double (*f)(double)) { return {f(a.left), f(a.right)}; }
-
-// NOLINTBEGIN(readability-magic-numbers): shapes, not quantities
-constexpr std::array kRich{
-    Rich{"wheel speed",
-         [](const Instant& i) {
-             return WheelPair<double>{i.speed.left, 0};
-         }},
-    Rich{"wheel speed",
-         [](const Instant& i) {
-             return WheelPair<double>{0, i.speed.right};
-         }},
-    Rich{"wheel speed",
-         [](const Instant& i) { return each(i.speed, [](double w) { return w * std::abs(w) / 10; }); }},
-    Rich{"wheel speed",
-         [](const Instant& i) { return each(i.speed, [](double w) { return w * w * w / 100; }); }},
-    Rich{"direction of turning of the wheels",
-         [](const Instant& i) {
-             return WheelPair<double>{sign_of(i.speed.left), 0};
-         }},
-    Rich{"direction of turning of the wheels",
-         [](const Instant& i) {
-             return WheelPair<double>{0, sign_of(i.speed.right)};
-         }},
-    Rich{"low wheel speed",
-         [](const Instant& i) {
-             return each(i.speed, [](double w) { return sign_of(w) * std::exp(-w * w); });
-         }},
-    Rich{"yaw rate",
-         [](const Instant& i) {
-             const double s = sign_of(i.twist.omega_rad_per_s);
-             return WheelPair<double>{-s, s};
-         }},
-    Rich{"yaw rate",
-         [](const Instant& i) {
-             const double w = i.twist.omega_rad_per_s * std::abs(i.twist.omega_rad_per_s);
-             return WheelPair<double>{-w, w};
-         }},
-    Rich{"torque",
-         [](const Instant& i) {
-             return WheelPair<double>{i.torque.left, 0};
-         }},
-    Rich{"torque", [](const Instant& i) { return each(i.torque, [](double t) { return t * std::abs(t); }); }},
-    Rich{"torque", [](const Instant& i) { return each(i.torque, sign_of); }},
-    Rich{"torque times speed",
-         [](const Instant& i) {
-             return WheelPair<double>{i.torque.left * std::abs(i.speed.left) / 10,
-                                      i.torque.right * std::abs(i.speed.right) / 10};
-         }},
-    Rich{"lag",
-         [](const Instant& i) {
-             return WheelPair<double>{i.slow_torque.left - i.torque.left,
-                                      i.slow_torque.right - i.torque.right};
-         }},
-    Rich{"constant",
-         [](const Instant&) {
-             return WheelPair<double>{1, 0};
-         }},
-    Rich{"constant",
-         [](const Instant&) {
-             return WheelPair<double>{0, 1};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double c = std::cos(i.heading);
-             return WheelPair<double>{c, c};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double s = std::sin(i.heading);
-             return WheelPair<double>{s, s};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double c = std::cos(i.heading);
-             return WheelPair<double>{-c, c};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double s = std::sin(i.heading);
-             return WheelPair<double>{-s, s};
-         }},
-    Rich{"wheel angle", [](const Instant& i) { return each(i.angle, [](double a) { return std::sin(a); }); }},
-    Rich{"wheel angle", [](const Instant& i) { return each(i.angle, [](double a) { return std::cos(a); }); }},
-    Rich{"time",
-         [](const Instant& i) {
-             return WheelPair<double>{i.torque.left * i.time / 30, i.torque.right * i.time / 30};
-         }},
-    Rich{"coupling of turning and driving",
-         [](const Instant& i) {
-             const double w = i.twist.omega_rad_per_s * i.twist.omega_rad_per_s;
-             return WheelPair<double>{-w, w};
-         }},
-    Rich{"coupling of turning and driving",
-         [](const Instant& i) {
-             const double w = i.twist.omega_rad_per_s * i.twist.v_m_per_s;
-             return WheelPair<double>{w, w};
-         }},
-};
-// NOLINTEND(readability-magic-numbers)
-
-constexpr std::size_t kColumnCount = [] {
-    std::size_t count = kFirstEffect + kRich.size();
-    for (const std::size_t each :
-         model::for_catalogue([]<typename Effect>() { return model::kCoordinates<Effect>; })) {
-        count += each;
-    }
-    return count;
-}();
+// As long as this an interval may become, where a log's are shorter.
+constexpr double kLongest_s = 0.005;
 
 double mean_product(double a0, double a1, double b0, double b1) {
     return (2 * a0 * b0 + a0 * b1 + a1 * b0 + 2 * a1 * b1) / 6;
 }
 
-// Mean sign of a speed that goes straight from a to b.
-double mean_sign(double a, double b) {
-    const double size = std::abs(a) + std::abs(b);
-    return size > 0 ? (a + b) / size : 0.0;
-}
-
-// One row for each coordinate of each effect: the wheel torque of one unit.
-template <typename Take>
-void effect_columns(const model::EffectContext<double>& context, const WheelPair<double>& before,
-                    const WheelPair<double>& after, Take&& take) {
-    std::array<bool, model::kEffectCount> all{};
-    all.fill(true);
-    model::for_each_active(all, [&]<typename Effect>(std::size_t) {
-        for (unsigned k = 0; k < model::kCoordinates<Effect>; ++k) {
-            if constexpr (model::Dry<Effect>) {
-                const WheelPair<double> d =
-                    model::wheel_torque_Nm(context.geometry, Effect::template dry_direction<double>(k));
-                const double amount =
-                    -mean_sign(model::sliding_speed(d, before), model::sliding_speed(d, after));
-                take(WheelPair<double>{amount * d.left, amount * d.right});
-            } else if constexpr (model::HasColumns<Effect>) {
-                take(model::smooth_column<Effect>(k, context));
-            }
-        }
-    });
-}
+// The upper triangle from the lower.
+void mirror(Eigen::MatrixXd& m) { m.triangularView<Eigen::StrictlyUpper>() = m.transpose().eval(); }
 
 // The transform of a block of so many intervals: rows k, columns n.
 using Sines = std::map<std::pair<int, int>, Eigen::MatrixXd>;
@@ -188,8 +45,9 @@ const Eigen::MatrixXd& sines(int intervals, int rows, Sines& known) {
 
 class Maker {
   public:
-    Maker(const BlockOptions& options, BlockSet& to) : options_(options), to_(to) {
-        const auto count = static_cast<Eigen::Index>(columns().size());
+    Maker(const BlockOptions& options, BlockSet& to)
+        : options_(options), to_(to), geometry_(options.dictionary->setting().geometry) {
+        const auto count = static_cast<Eigen::Index>(options.dictionary->columns().size());
         to_.wheel_power = Eigen::MatrixXd::Zero(count, count);
     }
 
@@ -198,15 +56,16 @@ class Maker {
         const double dt = log.period_s;
         heading_ = part.initial_heading_rad;
         angle_ = {};
-        slow_ = log.samples[part.first].torque_Nm;
+        span_s_ = log.samples.back().t_s - log.samples.front().t_s;
+        walker_.emplace(*options_.dictionary);
         const int longest = std::max(kFewestIntervals, static_cast<int>(std::lround(options_.block_s / dt)));
         const int shortest = std::max(kFewestIntervals, static_cast<int>(std::lround(kShortestBlock_s / dt)));
         const std::size_t last = part.end - 1;  // intervals are first .. last - 1
         std::size_t i = part.first;
         while (i < last) {
-            // a run without a wheel that stands while the other turns
+            // a run without a wheel that stands while the other turns, or a sample that cannot be used
             std::size_t run = i;
-            while (run < last && !half_standing(log, run, last)) ++run;
+            while (run < last && !left_out(part, run, last)) ++run;
             const auto length = static_cast<int>(run - i);
             if (length >= shortest) {
                 const int pieces = std::max(1, static_cast<int>(std::lround(double(length) / longest)));
@@ -219,18 +78,18 @@ class Maker {
                 }
             } else {
                 to_.left_out_s += dt * length;
-                for (std::size_t n = i; n < run; ++n) pass(log, n);
+                for (std::size_t n = i; n < run; ++n) pass(part, n);
             }
-            for (i = run; i < last && half_standing(log, i, last); ++i) {
+            for (i = run; i < last && left_out(part, i, last); ++i) {
                 to_.left_out_s += dt;
-                pass(log, i);
+                pass(part, i);
             }
         }
     }
 
     void finish() {
         if (intervals_ > 0) to_.wheel_power /= double(intervals_);
-        to_.torque_rms_Nm = std::sqrt(to_.wheel_power(kTorque, kTorque));
+        to_.torque_rms_Nm = std::sqrt(to_.wheel_power(Dictionary::kTorque, Dictionary::kTorque));
     }
 
   private:
@@ -245,95 +104,101 @@ class Maker {
         }
         return true;
     }
-    bool half_standing(const MeasuredLog& log, std::size_t i, std::size_t last) const {
+    bool left_out(const LogPart& part, std::size_t i, std::size_t last) const {
+        if (part.unusable != nullptr && ((*part.unusable)[i] || (*part.unusable)[i + 1])) return true;
+        const MeasuredLog& log = *part.log;
         return standing(log, i, last, &WheelPair<double>::left) !=
                standing(log, i, last, &WheelPair<double>::right);
     }
 
-    // Heading, angles and the slow torque go on.
-    void pass(const MeasuredLog& log, std::size_t i) {
+    // Heading and angles go on.
+    Interval next(const LogPart& part, std::size_t i) {
+        const MeasuredLog& log = *part.log;
         const MeasuredSample& a = log.samples[i];
         const MeasuredSample& b = log.samples[i + 1];
         const double dt = log.period_s;
-        const WheelPair<double> mean{(a.speed_rad_per_s.left + b.speed_rad_per_s.left) / 2,
-                                     (a.speed_rad_per_s.right + b.speed_rad_per_s.right) / 2};
-        heading_ += dt * model::twist_from_wheel_speeds(options_.geometry, mean).omega_rad_per_s;
+        Interval interval;
+        interval.t_s = a.t_s - log.samples.front().t_s;
+        interval.dt_s = dt;
+        interval.span_s = span_s_;
+        interval.torque = a.torque_Nm;
+        interval.torque_before = log.samples[i > part.first ? i - 1 : i].torque_Nm;
+        interval.before = a.speed_rad_per_s;
+        interval.after = b.speed_rad_per_s;
+        const WheelPair<double> mean = interval.speed();
+        const double turn = dt * model::twist_from_wheel_speeds(geometry_, mean).omega_rad_per_s;
+        interval.angle = {angle_.left + dt / 2 * mean.left, angle_.right + dt / 2 * mean.right};
+        interval.heading_rad = heading_ + turn / 2;
+        heading_ += turn;
         angle_.left += dt * mean.left;
         angle_.right += dt * mean.right;
-        const double share = dt / (dt + 0.02);
-        slow_.left += share * (a.torque_Nm.left - slow_.left);
-        slow_.right += share * (a.torque_Nm.right - slow_.right);
+        return interval;
+    }
+    void pass(const LogPart& part, std::size_t i) {
+        walker_->step(next(part, i), true, [](int, const WheelPair<double>&) {});
     }
 
+    // Short intervals are put together: the equation of their sum is as exact.
     void block(const LogPart& part, std::size_t begin, std::size_t end) {
         const MeasuredLog& log = *part.log;
         const double dt = log.period_s;
-        const auto count = static_cast<Eigen::Index>(columns().size());
-        const auto intervals = static_cast<Eigen::Index>(end - begin);
+        const auto count = static_cast<Eigen::Index>(options_.dictionary->columns().size());
+        const auto together = std::max<std::size_t>(1, static_cast<std::size_t>(kLongest_s / dt + 1e-6));
+        const std::size_t rows_of_time = (end - begin) / together;
+        const auto intervals = static_cast<Eigen::Index>(rows_of_time);
         std::array<Eigen::MatrixXd, kEquations> x;
-        for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(intervals, count + 1);
-        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(2 * intervals, count);
+        // column by interval, so that an interval's values lie side by side
+        for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(count + 1, intervals);
+        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(count, 2 * intervals);
         for (std::size_t n = begin; n < end; ++n) {
-            const auto row = static_cast<Eigen::Index>(n - begin);
-            const MeasuredSample& a = log.samples[n];
-            const MeasuredSample& b = log.samples[n + 1];
-            const Twist<double> u0 = model::twist_from_wheel_speeds(options_.geometry, a.speed_rad_per_s);
-            const Twist<double> u1 = model::twist_from_wheel_speeds(options_.geometry, b.speed_rad_per_s);
-            x[kLinear](row, count) = (u1.v_m_per_s - u0.v_m_per_s);
-            x[kTurning](row, count) = (u1.omega_rad_per_s - u0.omega_rad_per_s);
-            if (standing(log, n, part.end - 1, &WheelPair<double>::left)) {
-                pass(log, n);  // both stand: whatever acts is held, nothing accelerates
+            const auto row = static_cast<Eigen::Index>((n - begin) / together);
+            if (row >= intervals) {  // fewer than make one
+                pass(part, n);
                 continue;
             }
-            x[kLinear](row, kProduct) = dt * mean_product(u0.omega_rad_per_s, u1.omega_rad_per_s,
-                                                          u0.omega_rad_per_s, u1.omega_rad_per_s);
-            x[kTurning](row, kProduct) =
-                dt * mean_product(u0.v_m_per_s, u1.v_m_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s);
-            Eigen::Index column = kTorque;
-            const auto put = [&](const WheelPair<double>& pair) {
-                x[kLinear](row, column) = dt * pair.sum();
-                x[kTurning](row, column) = dt * pair.difference();
-                wheels(2 * row, column) = pair.left;
-                wheels(2 * row + 1, column) = pair.right;
-                ++column;
-            };
-            Instant at;
-            at.torque = a.torque_Nm;
-            at.before = log.samples[n > part.first ? n - 1 : n].torque_Nm;
-            put(at.torque);
-            put({at.before.left - at.torque.left, at.before.right - at.torque.right});
-            at.speed = {(a.speed_rad_per_s.left + b.speed_rad_per_s.left) / 2,
-                        (a.speed_rad_per_s.right + b.speed_rad_per_s.right) / 2};
-            at.twist = model::twist_from_wheel_speeds(options_.geometry, at.speed);
-            at.heading = heading_ + dt / 2 * at.twist.omega_rad_per_s;
-            at.angle = {angle_.left + dt / 2 * at.speed.left, angle_.right + dt / 2 * at.speed.right};
-            at.slow_torque = slow_;
-            at.time = a.t_s;
-            const model::Motion<double> motion{at.speed, at.angle, at.twist, at.heading};
-            effect_columns({motion, at.torque, options_.geometry, options_.dynamics}, a.speed_rad_per_s,
-                           b.speed_rad_per_s, put);
-            for (const Rich& rich : kRich) put(rich.value(at));
-            pass(log, n);
+            const Interval interval = next(part, n);
+            const Twist<double> u0 = model::twist_from_wheel_speeds(geometry_, interval.before);
+            const Twist<double> u1 = model::twist_from_wheel_speeds(geometry_, interval.after);
+            x[kLinear](count, row) += u1.v_m_per_s - u0.v_m_per_s;
+            x[kTurning](count, row) += u1.omega_rad_per_s - u0.omega_rad_per_s;
+            // both stand: whatever acts is held, nothing accelerates
+            const bool stands = standing(log, n, part.end - 1, &WheelPair<double>::left);
+            if (!stands) {
+                x[kLinear](Dictionary::kProduct, row) +=
+                    dt * mean_product(u0.omega_rad_per_s, u1.omega_rad_per_s, u0.omega_rad_per_s,
+                                      u1.omega_rad_per_s);
+                x[kTurning](Dictionary::kProduct, row) +=
+                    dt * mean_product(u0.v_m_per_s, u1.v_m_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s);
+            }
+            const double share = 1 / double(together);
+            walker_->step(interval, stands, [&](int column, const WheelPair<double>& pair) {
+                x[kLinear](column, row) += dt * pair.sum();
+                x[kTurning](column, row) += dt * pair.difference();
+                wheels(column, 2 * row) += share * pair.left;
+                wheels(column, 2 * row + 1) += share * pair.right;
+            });
         }
-        intervals_ += static_cast<std::size_t>(intervals);
-        to_.wheel_power.noalias() += wheels.transpose() * wheels;
+        intervals_ += rows_of_time;
+        to_.wheel_power.selfadjointView<Eigen::Lower>().rankUpdate(wheels);
 
         Block made;
         made.log = part.index;
         made.start_s = log.samples[begin].t_s;
         made.end_s = log.samples[end].t_s;
-        const double length_s = dt * double(intervals);
-        const int rows = std::clamp(static_cast<int>(2 * length_s * std::min(options_.highest_Hz, 0.2 / dt)),
-                                    4, static_cast<int>(intervals) / 2);
-        const double left = options_.geometry.wheel_radius_m.left * options_.noise_rad_per_s.left;
-        const double right = options_.geometry.wheel_radius_m.right * options_.noise_rad_per_s.right;
+        made.period_s = dt;
+        const double step_s = dt * double(together);
+        const double length_s = step_s * double(intervals);
+        const int rows =
+            std::clamp(static_cast<int>(2 * length_s * std::min(options_.highest_Hz, 0.2 / step_s)), 4,
+                       static_cast<int>(intervals) / 2);
+        const double left = geometry_.wheel_radius_m.left * options_.noise_rad_per_s.left;
+        const double right = geometry_.wheel_radius_m.right * options_.noise_rad_per_s.right;
         const double both = std::sqrt(left * left + right * right);
-        const std::array<double, kEquations> sigma{both / 2, both / options_.geometry.track_m};
+        const std::array<double, kEquations> sigma{both / 2, both / geometry_.track_m};
         const Eigen::MatrixXd& transform = sines(static_cast<int>(intervals), rows, sines_);
         for (std::size_t e = 0; e < kEquations; ++e) {
-            made.row[e] = transform * x[e] / sigma[e];
+            made.row[e] = transform * x[e].transpose() / sigma[e];
             made.rows[e] = rows;
-            made.product[e] = made.row[e].transpose() * made.row[e];
         }
         made.first_Hz = 1 / (2 * length_s);
         to_.blocks.push_back(std::move(made));
@@ -341,42 +206,15 @@ class Maker {
 
     const BlockOptions& options_;
     BlockSet& to_;
+    model::Geometry<double> geometry_;
     std::size_t intervals_ = 0;
     Sines sines_;
-    double heading_ = 0;
-    WheelPair<double> angle_, slow_;
+    std::optional<Dictionary::Walker> walker_;
+    double heading_ = 0, span_s_ = 0;
+    WheelPair<double> angle_;
 };
 
 }  // namespace
-
-std::span<const ColumnName> columns() {
-    static const std::array<ColumnName, kColumnCount> made = [] {
-        std::array<ColumnName, kColumnCount> names;
-        names.fill({model::kEffectCount, 0, ""});
-        std::size_t at = kFirstEffect;
-        std::array<bool, model::kEffectCount> all{};
-        all.fill(true);
-        model::for_each_active(all, [&]<typename Effect>(std::size_t i) {
-            for (unsigned k = 0; k < model::kCoordinates<Effect>; ++k) names[at++] = {i, k, ""};
-        });
-        for (const Rich& rich : kRich) names[at++].place = rich.place;
-        return names;
-    }();
-    return made;
-}
-
-std::pair<int, int> columns_of(std::size_t effect) {
-    const std::span<const ColumnName> all = columns();
-    const auto mine = [&](const ColumnName& name) { return name.effect == effect; };
-    const auto first = std::find_if(all.begin(), all.end(), mine);
-    const auto end = std::find_if_not(first, all.end(), mine);
-    return {static_cast<int>(first - all.begin()), static_cast<int>(end - all.begin())};
-}
-
-std::pair<int, int> rich_columns() {
-    const auto all = static_cast<int>(columns().size());
-    return {all - static_cast<int>(kRich.size()), all};
-}
 
 WheelPair<double> speed_noise(std::span<const MeasuredLog> logs) {
     const auto one = [&](double WheelPair<double>::*side) {
@@ -412,10 +250,13 @@ std::size_t Colour::bin(double frequency_Hz) const {
 
 Colour colour_of_rest(const BlockSet& set) {
     Colour colour;
-    const auto count = static_cast<Eigen::Index>(columns().size());
     for (std::size_t e = 0; e < kEquations; ++e) {
+        const Eigen::Index count = set.wheel_power.cols();
         Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(count + 1, count + 1);
-        for (const Block& block : set.blocks) sum += block.product[e];
+        for (const Block& block : set.blocks) {
+            sum.selfadjointView<Eigen::Lower>().rankUpdate(block.row[e].transpose());
+        }
+        mirror(sum);
         Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
         for (Eigen::Index i = 0; i < count; ++i) normal(i, i) += 1e-7 * normal(i, i) + 1e-12;
         Eigen::VectorXd c(count + 1);
@@ -445,7 +286,10 @@ void weigh(BlockSet& set, const Colour& colour) {
             for (Eigen::Index k = 0; k < weight.size(); ++k) {
                 weight(k) = 1 / colour.power[e][colour.bin(double(k + 1) * block.first_Hz)];
             }
-            block.product[e] = block.row[e].transpose() * weight.asDiagonal() * block.row[e];
+            const Eigen::MatrixXd weighted = weight.cwiseSqrt().asDiagonal() * block.row[e];
+            block.product[e] = Eigen::MatrixXd::Zero(weighted.cols(), weighted.cols());
+            block.product[e].selfadjointView<Eigen::Lower>().rankUpdate(weighted.transpose());
+            mirror(block.product[e]);
         }
     }
 }
@@ -456,6 +300,7 @@ BlockSet make_blocks(std::span<const LogPart> parts, const BlockOptions& options
     for (const LogPart& part : parts) {
         if (part.end > part.first + std::size_t(kFewestIntervals)) maker.add(part);
     }
+    mirror(set.wheel_power);
     maker.finish();
     return set;
 }

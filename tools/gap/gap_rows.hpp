@@ -26,32 +26,16 @@
 #include <vector>
 
 #include "firmware/model/dynamics.hpp"
-#include "firmware/model/effects.hpp"
+#include "tools/gap/gap_columns.hpp"
 #include "tools/logs/measured_csv.hpp"
 
 namespace wheelwright::gap {
 
-// Columns that every model has.
-enum BaseColumn : int { kProduct, kTorque, kTiming, kFirstEffect };
 enum Equation : std::size_t { kLinear, kTurning, kEquations };
-
-struct ColumnName {
-    std::size_t effect = 0;   // index into model::kEffects, or model::kEffectCount
-    unsigned coordinate = 0;  // of the effect
-    std::string_view place;   // of a column that stands for no effect: where it would show
-};
-
-// The columns in their order: base, every coordinate of every effect of the
-// catalogue, and a rich set of smooth functions of motion and torque, with
-// which the reachable floor and the places are found.
-std::span<const ColumnName> columns();
-// The columns of one effect: first and one past the last.
-std::pair<int, int> columns_of(std::size_t effect);
-std::pair<int, int> rich_columns();
 
 struct Block {
     std::size_t log = 0;
-    double start_s = 0, end_s = 0;
+    double start_s = 0, end_s = 0, period_s = 0;
     std::array<int, kEquations> rows{};
     double first_Hz = 0;                          // frequency of the first row; the others are its multiples
     std::array<Eigen::MatrixXd, kEquations> row;  // [columns | y], white where only the sensor is noisy
@@ -67,11 +51,15 @@ struct Colour {
     std::array<std::array<double, kBins>, kEquations> power{};  // 0: no row there
 
     std::size_t bin(double frequency_Hz) const;
+    static Colour white() {
+        Colour colour;
+        for (auto& equation : colour.power) equation.fill(1);
+        return colour;
+    }
 };
 
 struct BlockOptions {
-    model::Geometry<double> geometry;
-    model::Dynamics<double> dynamics;  // for effects whose columns depend on it; refined by the caller
+    const Dictionary* dictionary = nullptr;  // its setting's dynamics are refined by the caller
     double block_s = 2;
     double highest_Hz = 25;
     WheelPair<double> noise_rad_per_s;
@@ -96,6 +84,7 @@ struct LogPart {
     std::size_t index = 0;
     std::size_t first = 0, end = 0;
     double initial_heading_rad = 0;
+    const std::vector<bool>* unusable = nullptr;  // by sample; null: none is
 };
 
 // The colour of the rest that all columns together leave.

@@ -1,11 +1,14 @@
 #include "tools/gap/gap_search.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <map>
 #include <numeric>
+#include <tuple>
+
+#include "tools/gap/gap_statistics.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -13,11 +16,9 @@ namespace {
 constexpr Eigen::Index kFirstAmount = 4;
 constexpr std::size_t kFolds = 5;
 constexpr double kApart = 4;         // standard errors of the difference between left and right
+constexpr double kCloser = 0.95;     // a grid's point must be better than a closer look by more than this
+constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
 constexpr double kUnexcited = 1e-4;  // power of a coordinate's column over that of the effect's strongest
-
-// Where a model's amounts come from: an effect's coordinates, or the torque's
-// timing.
-Amount timing() { return {{kTiming}}; }
 
 // Left and right of one kind, which are equal unless shown unequal: not those
 // that may have either sign, but where nothing turns.
@@ -26,87 +27,59 @@ bool is_pair(std::size_t effect) {
     return p.size() == 2 && p[0].name.starts_with("left") && p[1].name.starts_with("right");
 }
 
-struct Member {
-    std::size_t effect;
-    bool together;
-};
+using Members = std::vector<Way>;
 
-// Student's t, two-sided probability; by the series for whole degrees of
-// freedom.
-double t_probability(double t, double degrees) {
-    const double angle = std::atan2(std::abs(t), std::sqrt(degrees));
-    const auto n = static_cast<int>(degrees);
-    double sum = 0;
-    if (n % 2 == 1) {
-        double term = std::cos(angle);
-        for (int k = 1; k <= n - 2; k += 2) {
-            sum += term;
-            term *= std::cos(angle) * std::cos(angle) * (k + 1) / (k + 2);
-        }
-        sum = 2 / 3.14159265358979323846 * (angle + (n > 1 ? std::sin(angle) * sum : 0.0));
-    } else {
-        double term = 1;
-        for (int k = 0; k <= n - 2; k += 2) {
-            sum += term;
-            term *= std::cos(angle) * std::cos(angle) * (k + 1) / (k + 2);
-        }
-        sum *= std::sin(angle);
-    }
-    return std::max(0.0, 1 - sum);
+Members with(Members members, const Way& way) {
+    members.push_back(way);
+    return members;
 }
-
-// One-sided Wilcoxon signed-rank probability that the values are not above zero
-// (normal approximation, exact for few values).
-double signed_rank_probability(std::vector<double> values) {
-    std::sort(values.begin(), values.end(), [](double a, double b) { return std::abs(a) < std::abs(b); });
-    const std::size_t n = values.size();
-    if (n == 0) return 1;
-    double positive = 0;
-    for (std::size_t i = 0; i < n; ++i) {
-        if (values[i] > 0) positive += double(i + 1);
-    }
-    // exact distribution of the sum of ranks
-    const std::size_t most = n * (n + 1) / 2;
-    std::vector<double> ways(most + 1, 0.0);
-    ways[0] = 1;
-    for (std::size_t rank = 1; rank <= n; ++rank) {
-        for (std::size_t s = most; s >= rank; --s) ways[s] = (ways[s] + ways[s - rank]) / 2;
-        for (std::size_t s = 0; s < rank; ++s) ways[s] /= 2;
-    }
-    double probability = 0;
-    for (auto s = static_cast<std::size_t>(positive); s <= most; ++s) probability += ways[s];
-    return probability;
+Members without(Members members, std::size_t i) {
+    members.erase(members.begin() + static_cast<std::ptrdiff_t>(i));
+    return members;
+}
+bool contains(const Members& members, std::size_t effect) {
+    return std::any_of(members.begin(), members.end(), [&](const Way& m) { return m.effect == effect; });
 }
 
 class Searcher {
   public:
     Searcher(const BlockSet& train, const std::vector<Block>& report, const SearchOptions& options)
-        : set_(train), options_(options) {
+        : set_(train), options_(options), dictionary_(*options.dictionary) {
         for (const Block& b : train.blocks) all_.push_back(&b);
         for (const Block& b : report) report_.push_back(&b);
         // every fourth confirms; with few blocks the last one
         for (std::size_t i = 0; i < all_.size(); ++i) (i % 4 == 2 ? confirm_ : select_).push_back(all_[i]);
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-            if (options.base.active[i] && has_columns(i)) members_.push_back({i, must_be_together(i)});
+            if (!options.base.active[i] && !options.given.contains(i)) continue;
+            const std::vector<Way> all = ways(i);
+            if (all.empty()) continue;
+            members_.push_back(all.back());  // a focus is the last
+            if (!options.given.contains(i)) continue;
+            members_.back().amounts.clear();
+            members_.back().free.clear();
         }
         base_members_ = members_.size();
     }
 
     Search run() {
-        result_.base = fit(all_, shape_of(members_, options_.turning));
+        result_.base = fit(all_, shape_of(members_));
         rows_ = row_count(all_, result_.base.shape);
         result_.gap_refit = cross_validated(all_, members_) / rows_;
         result_.floor = floor_of(members_);
-        result_.closable_torque_share = torque_share(result_.gap_refit - result_.floor, result_.base);
         find_places();
         find_detectable();
         forward();
         backward();
-        result_.after = fit(all_, shape_of(members_, options_.turning));
+        exchange();
+        result_.after = fit(all_, shape_of(members_));
         result_.gap_after = cross_validated(all_, members_) / rows_;
         // the floor again, from the fuller model: what both leave
         result_.floor = std::min({result_.floor, floor_of(members_), result_.gap_after});
+        result_.closable_torque_share = torque_share(result_.gap_refit - result_.floor, result_.base);
         result_.left_torque_share = torque_share(result_.gap_after - result_.floor, result_.base);
+        result_.members = members_;
+        result_.base_members = base_members_;
+        note_points(members_, result_.after);
         report_effects();
         report_closed();
         find_unknowable();
@@ -115,41 +88,63 @@ class Searcher {
     }
 
   private:
-    // The amounts of one effect: one for each coordinate that the log excites, or
-    // one for left and right together.
-    std::vector<Amount> amounts_of(std::size_t effect, bool together) const {
-        const auto [first, end] = columns_of(effect);
-        std::vector<Amount> amounts;
-        if (together) {
-            Amount one;
-            for (int c = first; c < end; ++c) one.columns.push_back(c);
-            return {one};
+    // The ways in which an effect may enter; those with fewer unknowns first.
+    std::vector<Way> ways(std::size_t effect) const {
+        const auto [first, end] = dictionary_.linear_columns(effect);
+        if (first == end) {
+            const std::span<const Way> all = dictionary_.ways(effect);
+            return {all.begin(), all.end()};
         }
+        std::vector<Way> made;
+        const bool pair = is_pair(effect);
+        if (pair && (model::kEffects[effect].parameters[0].minimum >= 0 || !options_.turning)) {
+            Way way;
+            way.effect = effect;
+            way.together = true;
+            way.amounts.push_back({{first, first + 1}});
+            way.coordinate = {0};
+            made.push_back(way);
+            if (!options_.turning) return made;
+        }
+        Way way;
+        way.effect = effect;
         double most = 0;
         for (int c = first; c < end; ++c) most = std::max(most, set_.wheel_power(c, c));
         for (int c = first; c < end; ++c) {
-            if (set_.wheel_power(c, c) > kUnexcited * most) amounts.push_back({{c}});
+            if (set_.wheel_power(c, c) <= kUnexcited * most) continue;
+            way.amounts.push_back({{c}});
+            way.coordinate.push_back(static_cast<unsigned>(c - first));
         }
-        if (amounts.empty()) amounts.push_back({{first}});
-        return amounts;
+        if (way.amounts.empty()) {
+            way.amounts.push_back({{first}});
+            way.coordinate.push_back(0);
+        }
+        made.push_back(way);
+        return made;
     }
 
-    bool may_be_together(std::size_t effect) const {
-        return is_pair(effect) && (model::kEffects[effect].parameters[0].minimum >= 0 || !options_.turning);
-    }
-    bool must_be_together(std::size_t effect) const { return is_pair(effect) && !options_.turning; }
-
-    ModelShape shape_of(const std::vector<Member>& members, bool turning) const {
+    ModelShape shape_of(const Members& members) const {
         ModelShape shape;
-        shape.turning = turning;
-        shape.amounts.push_back(timing());
-        for (const Member& m : members) {
-            for (const Amount& a : amounts_of(m.effect, m.together)) shape.amounts.push_back(a);
+        shape.turning = options_.turning;
+        shape.amounts.push_back({{Dictionary::kTiming}});
+        for (const Way& m : members) {
+            shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());
+            shape.fixed.insert(shape.fixed.end(), m.fixed.begin(), m.fixed.end());
         }
         return shape;
     }
 
-    Blocks without(const Blocks& blocks, std::size_t fold) const {
+    static Eigen::Index first_amount_of(const Members& members, std::size_t member) {
+        std::size_t at = 1;
+        for (std::size_t i = 0; i < member; ++i) at += members[i].amounts.size();
+        return kFirstAmount + static_cast<Eigen::Index>(at);
+    }
+    static Eigen::VectorXd amounts_in(const Members& members, std::size_t member, const Fit& f) {
+        return f.value.segment(first_amount_of(members, member),
+                               static_cast<Eigen::Index>(members[member].amounts.size()));
+    }
+
+    static Blocks leave_out(const Blocks& blocks, std::size_t fold) {
         Blocks rest;
         for (std::size_t i = 0; i < blocks.size(); ++i) {
             if (i % kFolds != fold) rest.push_back(blocks[i]);
@@ -158,25 +153,31 @@ class Searcher {
     }
 
     // Squares of each block, left out of the fit.
-    std::vector<double> left_out(const Blocks& blocks, const std::vector<Member>& members) const {
+    std::vector<double> left_out(const Blocks& blocks, const Members& members) const {
         std::vector<double> each(blocks.size());
-        const ModelShape shape = shape_of(members, options_.turning);
+        const ModelShape shape = shape_of(members);
         for (std::size_t fold = 0; fold < std::min(kFolds, blocks.size()); ++fold) {
-            const Fit rest = fit(without(blocks, fold), shape);
+            const Fit rest = fit(leave_out(blocks, fold), shape);
             for (std::size_t i = fold; i < blocks.size(); i += kFolds) each[i] = squares(*blocks[i], rest);
         }
         return each;
     }
-    double cross_validated(const Blocks& blocks, const std::vector<Member>& members) const {
+    double cross_validated(const Blocks& blocks, const Members& members) const {
         const std::vector<double> each = left_out(blocks, members);
         return std::accumulate(each.begin(), each.end(), 0.0);
     }
 
-    double floor_of(const std::vector<Member>& members) const {
-        std::vector<int> extra{kTiming};
-        for (int c = kFirstEffect; c < static_cast<int>(columns().size()); ++c) extra.push_back(c);
-        const double rich = reachable_squares(all_, shape_of(members, options_.turning), extra) / rows_;
-        return std::min(rich, result_.gap_refit);
+    // What a model with free coefficients for everything smooth leaves, on blocks it was not fitted to.
+    double reach(const Blocks& blocks, const Members& members) const {
+        std::vector<int> extra{Dictionary::kTiming};
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            for (auto [c, end] = dictionary_.linear_columns(i); c < end; ++c) extra.push_back(c);
+        }
+        for (auto [c, end] = dictionary_.rich_columns(); c < end; ++c) extra.push_back(c);
+        return reachable_squares(blocks, shape_of(members), extra);
+    }
+    double floor_of(const Members& members) const {
+        return std::min(reach(all_, members) / rows_, result_.gap_refit);
     }
 
     // A gap as the RMS of torque that would do the same, over the RMS of the
@@ -186,249 +187,386 @@ class Searcher {
         return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
     }
 
-    static bool has_columns(std::size_t effect) {
-        const auto [first, end] = columns_of(effect);
-        return first < end;
-    }
-
+    // An effect of which this log holds something, and that the model does not have.
     bool usable(std::size_t effect) const {
-        if (!has_columns(effect)) return false;
-        for (const Member& m : members_) {
-            if (m.effect == effect) return false;
-        }
-        // an effect of which this log holds next to nothing
-        const Fit& base = result_.base;
-        return likeness(all_, base, amounts_of(effect, false), {}) < 1 && column_excited(effect);
+        if (contains(members_, effect) || excluded(effect)) return false;
+        const std::vector<Way> all = ways(effect);
+        return std::any_of(all.begin(), all.end(), [&](const Way& way) { return excited(way); });
     }
-
-    bool column_excited(std::size_t effect) const {
-        const auto [first, end] = columns_of(effect);
-        for (int c = first; c < end; ++c) {
-            if (set_.wheel_power(c, c) > 0) return true;
+    bool excluded(std::size_t effect) const {
+        return std::find(options_.excluded.begin(), options_.excluded.end(), effect) !=
+               options_.excluded.end();
+    }
+    bool excited(const Way& way) const {
+        for (const Amount& amount : directions(way)) {
+            for (const int c : amount.columns) {
+                if (set_.wheel_power(c, c) > 0) return likeness(all_, result_.base, directions(way), {}) < 1;
+            }
         }
         return false;
     }
 
-    double effect_torque_share(const Fit& f, std::size_t first_amount,
-                               const std::vector<Amount>& amounts) const {
+    double effect_torque_share(const Members& members, std::size_t member, const Fit& f) const {
+        const Way& way = members[member];
+        const Eigen::VectorXd amount = amounts_in(members, member, f);
         Eigen::VectorXd p = Eigen::VectorXd::Zero(set_.wheel_power.cols());
-        for (std::size_t i = 0; i < amounts.size(); ++i) {
-            for (const int c : amounts[i].columns)
-                p(c) = f.value(kFirstAmount + Eigen::Index(first_amount + i));
+        for (std::size_t i = 0; i < way.amounts.size(); ++i) {
+            for (const int c : way.amounts[i].columns) p(c) += amount(Eigen::Index(i));
         }
+        for (const int c : way.fixed) p(c) += 1;
         return std::sqrt(std::max(0.0, p.dot(set_.wheel_power * p))) / std::max(1e-12, set_.torque_rms_Nm);
     }
 
     struct Trial {
-        Member member{};
+        Way way{};
         double gain = 0;  // held-out, on the blocks that select
         double probability = 1, rank_probability = 1;
-        bool confirmed = false, of_interest = false, in_range = true;
+        bool confirmed = false, of_interest = false, in_range = false;
     };
 
     // Within its physical range: a friction that drives is none.
-    bool in_range(const Fit& f, std::size_t first_amount, const Member& m) const {
-        const std::vector<Amount> amounts = amounts_of(m.effect, m.together);
-        const auto& info = model::kEffects[m.effect].parameters;
-        if (model::kLinearInParameters[m.effect]) {
-            for (std::size_t i = 0; i < amounts.size(); ++i) {
-                const Eigen::Index at = kFirstAmount + Eigen::Index(first_amount + i);
-                const double slack = 3 * f.error(at);
-                if (f.value(at) < info[i].minimum - slack || f.value(at) > info[i].maximum + slack)
-                    return false;
+    bool in_range(const Members& members, std::size_t member, const Fit& f) const {
+        const Way& way = members[member];
+        const auto& info = model::kEffects[way.effect].parameters;
+        const Eigen::VectorXd amount = amounts_in(members, member, f);
+        if (way.kind == Way::Kind::linear) {
+            if (!model::kLinearInParameters[way.effect]) return true;
+            const Eigen::Index first = first_amount_of(members, member);
+            for (Eigen::Index i = 0; i < amount.size(); ++i) {
+                const double slack = 3 * f.error(first + i);
+                const auto& range = info[way.coordinate[std::size_t(i)]];
+                if (amount(i) < range.minimum - slack || amount(i) > range.maximum + slack) return false;
             }
+            return true;
+        }
+        const auto [p, plausible] = parameters_of(way, amount, dictionary_.setting());
+        if (!plausible) return false;
+        for (std::size_t j = 0; j < info.size(); ++j) {
+            const double slack = 0.01 * (std::abs(way.at[j]) + 1e-6);
+            if (p[j] < info[j].minimum - slack || p[j] > info[j].maximum + slack) return false;
         }
         return true;
     }
 
-    static double wald_probability(const Fit& f, std::size_t first_amount, std::size_t count,
-                                   std::size_t blocks) {
-        // Hotelling's test of all amounts together
-        const auto n = Eigen::Index(count);
-        const Eigen::Index at = kFirstAmount + Eigen::Index(first_amount);
-        const Eigen::MatrixXd cov = f.covariance.block(at, at, n, n);
-        const Eigen::VectorXd p = f.value.segment(at, n);
-        const double degrees = std::max(1.0, double(blocks) - 4 - double(count));
-        if (n == 1) return t_probability(p(0) / std::sqrt(std::max(1e-300, cov(0, 0))), degrees);
-        // scaled to unit variances, for left and right may be known as a sum only
-        const Eigen::VectorXd scale = cov.diagonal().cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
-        const Eigen::MatrixXd correlation = scale.asDiagonal() * cov * scale.asDiagonal();
-        const Eigen::VectorXd z = scale.cwiseProduct(p);
-        const double square = z.dot((correlation + 1e-9 * Eigen::MatrixXd::Identity(n, n)).ldlt().solve(z));
-        // two of them: the F distribution has a closed form; more: as if there were
-        // two, times their number
-        return std::min(1.0, double(n) / 2 * std::pow(1 + square / degrees, -degrees / 2));
+    // That the last member is not there. One at a focus is taken as a whole for it.
+    double probability_of_last(const Blocks& blocks, const Members& members) const {
+        Members tested = members;
+        Way& last = tested.back();
+        last.amounts = directions(last);
+        last.fixed.clear();
+        const Fit f = fit(blocks, shape_of(tested));
+        const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
+        const auto n = static_cast<Eigen::Index>(last.amounts.size());
+        const double degrees = std::max(1.0, double(blocks.size()) - 4 - double(n));
+        return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
     }
 
-    Trial attempt(std::size_t effect) const {
+    // Two amounts from here on differ by more than chance.
+    static bool apart(const Fit& f, Eigen::Index at) {
+        const double variance =
+            f.covariance(at, at) + f.covariance(at + 1, at + 1) - 2 * f.covariance(at, at + 1);
+        return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(std::max(0.0, variance));
+    }
+
+    // The best of an effect's points, beside the members.
+    std::optional<Way> best_point(std::size_t effect, const Members& members, const Blocks& blocks) const {
+        std::optional<Way> best;
+        double least = std::numeric_limits<double>::infinity();
+        for (const Way& way : ways(effect)) {
+            const Members more = with(members, way);
+            const Fit f = fit(blocks, shape_of(more));
+            if (!in_range(more, more.size() - 1, f)) continue;
+            // a closer look is preferred, for it goes on from where it is
+            const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
+            if (left >= least) continue;
+            least = left;
+            best = way;
+        }
+        return best;
+    }
+
+    Trial attempt(std::size_t effect, const Members& members) const {
+        const auto [first, end] = dictionary_.linear_columns(effect);
+        std::vector<Way> tried;
+        if (first == end) {
+            const std::optional<Way> best = best_point(effect, members, select_);
+            if (best) tried.push_back(*best);
+        } else {
+            tried = ways(effect);
+        }
         Trial best;
-        for (const bool together : {true, false}) {
-            if (together ? !may_be_together(effect) : must_be_together(effect)) continue;
+        best.way.effect = effect;
+        const std::vector<double> before = left_out(select_, members);
+        const Fit without_it = fit(select_, shape_of(members));
+        const double unconfirmed = squares(confirm_, without_it);
+        for (const Way& way : tried) {
             Trial t;
-            t.member = {effect, together};
-            std::vector<Member> more = members_;
-            more.push_back(t.member);
-            const ModelShape shape = shape_of(more, options_.turning);
-            const std::size_t count = amounts_of(effect, together).size();
-            const std::size_t first = shape.amounts.size() - count;
-            const std::vector<double> before = left_out(select_, members_);
+            t.way = way;
+            const Members more = with(members, way);
+            const std::size_t last = more.size() - 1;
             const std::vector<double> after = left_out(select_, more);
             std::vector<double> gain(before.size());
             for (std::size_t i = 0; i < gain.size(); ++i) gain[i] = before[i] - after[i];
             t.gain = std::accumulate(gain.begin(), gain.end(), 0.0);
             t.rank_probability = signed_rank_probability(gain);
-            const Fit selected = fit(select_, shape);
-            t.probability = wald_probability(selected, first, count, select_.size());
-            t.in_range = in_range(selected, first, t.member);
-            t.of_interest = effect_torque_share(selected, first,
-                                                {shape.amounts.begin() + std::ptrdiff_t(first),
-                                                 shape.amounts.end()}) >= kSizeOfInterest;
-            const Fit without_it = fit(select_, shape_of(members_, options_.turning));
-            const double unconfirmed = squares(confirm_, without_it);
+            const Fit selected = fit(select_, shape_of(more));
+            t.probability = probability_of_last(select_, more);
+            t.in_range = in_range(more, last, selected);
+            t.of_interest = effect_torque_share(more, last, selected) >= kSizeOfInterest;
             const double confirm_gain = unconfirmed - squares(confirm_, selected);
             const double share = t.gain / std::accumulate(before.begin(), before.end(), 0.0);
             t.confirmed = confirm_.empty() || (confirm_gain > 0 && confirm_gain > share * unconfirmed / 3);
             // one amount for both unless two are clearly apart
-            const auto apart = [&] {
-                const Eigen::Index at = kFirstAmount + Eigen::Index(first);
-                const double variance = selected.covariance(at, at) + selected.covariance(at + 1, at + 1) -
-                                        2 * selected.covariance(at, at + 1);
-                return std::abs(selected.value(at) - selected.value(at + 1)) >
-                       kApart * std::sqrt(std::max(0.0, variance));
-            };
-            if (best.gain == 0 || (t.gain > best.gain && apart())) best = t;
+            if (tried.size() == 1 || best.gain == 0 ||
+                (t.gain > best.gain && apart(selected, first_amount_of(more, last)))) {
+                best = t;
+            }
         }
         return best;
+    }
+
+    void note_point(const Members& members, std::size_t member, const Fit& f) {
+        const Way& way = members[member];
+        if (way.kind == Way::Kind::linear) return;
+        auto p = parameters_of(way, amounts_in(members, member, f), dictionary_.setting()).first;
+        const auto& info = model::kEffects[way.effect].parameters;
+        for (std::size_t j = 0; j < info.size(); ++j)
+            p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
+        result_.points[way.effect] = p;
+    }
+    void note_points(const Members& members, const Fit& f) {
+        for (std::size_t i = 0; i < members.size(); ++i) note_point(members, i, f);
     }
 
     // Among those that do the same in every motion of this log: linear in its
     // parameters first, then the catalogue's order.
     const Trial* simplest_equal(const std::vector<Trial>& trials, const Trial& chosen) const {
         const Trial* best = &chosen;
-        const Fit bare = fit(all_, shape_of(members_, options_.turning));
+        const Fit bare = fit(all_, shape_of(members_));
         for (const Trial& t : trials) {
             if (!t.in_range || t.gain < 0.9 * chosen.gain) continue;
-            const auto rank = [](const Trial& x) {
-                return std::pair{!model::kLinearInParameters[x.member.effect], x.member.effect};
-            };
-            if (rank(t) < rank(*best) &&
-                likeness(all_, bare, amounts_of(chosen.member.effect, chosen.member.together),
-                         amounts_of(t.member.effect, t.member.together)) > kAlike) {
+            if (simplicity(t.way) < simplicity(best->way) &&
+                likeness(all_, bare, directions(chosen.way), directions(t.way)) > kAlike) {
                 best = &t;
             }
         }
         return best;
     }
 
+    bool acceptable(const Trial& t, std::size_t tested, double closable) const {
+        const bool significant =
+            t.probability <= kSignificance / double(tested) &&
+            t.rank_probability <= std::max(kSignificance, std::pow(0.5, double(select_.size())) * 1.001);
+        return significant && t.in_range && t.of_interest && t.confirmed && t.gain > 0 &&
+               t.gain >= kLeastShareOfClosable * closable && t.gain >= kLeastShareOfAll * closable_at_first_;
+    }
+
     void forward() {
         while (members_.size() - base_members_ < kMostEffects) {
             const double now = cross_validated(select_, members_);
-            std::vector<int> extra{kTiming};
-            for (int c = kFirstEffect; c < static_cast<int>(columns().size()); ++c) extra.push_back(c);
-            const double reach =
-                std::min(now, reachable_squares(select_, shape_of(members_, options_.turning), extra));
-            const double closable = now - reach;
+            const double closable = now - std::min(now, reach(select_, members_));
+            if (members_.size() == base_members_) closable_at_first_ = closable;
             std::vector<Trial> trials;
             for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-                if (usable(i)) trials.push_back(attempt(i));
+                if (usable(i)) trials.push_back(attempt(i, members_));
             }
             if (trials.empty()) break;
             std::sort(trials.begin(), trials.end(),
                       [](const Trial& a, const Trial& b) { return a.gain > b.gain; });
-            const Trial* chosen = nullptr;
-            for (const Trial& t : trials) {
-                const bool significant =
-                    t.probability <= kSignificance / double(trials.size()) &&
-                    t.rank_probability <=
-                        std::max(kSignificance, std::pow(0.5, double(select_.size())) * 1.001);
-                if (significant && t.in_range && t.of_interest && t.confirmed && t.gain > 0 &&
-                    t.gain >= kLeastShareOfClosable * closable) {
-                    chosen = &t;
-                    break;
-                }
+            const auto chosen = std::find_if(trials.begin(), trials.end(), [&](const Trial& t) {
+                return acceptable(t, trials.size(), closable);
+            });
+            if (chosen != trials.end()) {
+                const Trial* simplest = simplest_equal(trials, *chosen);
+                probability_[simplest->way.effect] = simplest->probability;
+                members_.push_back(simplest->way);
+                take_apart();
+            } else if (torque_share(closable / row_count(select_, result_.base.shape), result_.base) <
+                           kLargeGap ||
+                       !add_two(trials, closable)) {
+                break;
             }
-            if (chosen == nullptr) break;
-            chosen = simplest_equal(trials, *chosen);
-            gains_[chosen->member.effect] = {chosen->gain, chosen->probability};
-            members_.push_back(chosen->member);
         }
+    }
+
+    // Left and right, once clearly apart beside the effects found by now, get an amount each.
+    void take_apart() {
+        for (std::size_t i = 0; i < members_.size(); ++i) {
+            if (!members_[i].together || !options_.turning) continue;
+            Members other = members_;
+            other[i] = ways(members_[i].effect).back();
+            if (other[i].amounts.size() != 2) continue;
+            const Fit f = fit(select_, shape_of(other));
+            if (apart(f, first_amount_of(other, i)) &&
+                cross_validated(select_, other) < cross_validated(select_, members_)) {
+                members_ = other;
+            }
+        }
+    }
+
+    // Where much is missing and nothing alone is sure, each of two may be beside the other.
+    bool add_two(const std::vector<Trial>& trials, double closable) {
+        constexpr std::size_t kBest = 6;
+        double most = 0;
+        std::array<Trial, 2> best;
+        for (std::size_t i = 0; i < std::min(kBest, trials.size()); ++i) {
+            for (std::size_t j = 0; j < i; ++j) {
+                const Trial& a = trials[i];
+                const Trial& b = trials[j];
+                if (!a.in_range || !b.in_range || a.gain <= 0 || b.gain <= 0) continue;
+                const Trial first = attempt(a.way.effect, with(members_, b.way));
+                const Trial second = attempt(b.way.effect, with(members_, a.way));
+                const double gain = b.gain + first.gain;
+                if (gain <= most || !acceptable(first, trials.size(), 0) ||
+                    !acceptable(second, trials.size(), 0) || gain < kLeastShareOfClosable * closable) {
+                    continue;
+                }
+                most = gain;
+                best = {first, second};
+            }
+        }
+        if (most == 0) return false;
+        for (const Trial& t : best) {
+            probability_[t.way.effect] = t.probability;
+            members_.push_back(t.way);
+        }
+        return true;
     }
 
     // What the effects found later made superfluous goes.
     void backward() {
         for (std::size_t i = base_members_; i < members_.size();) {
-            std::vector<Member> fewer = members_;
-            fewer.erase(fewer.begin() + std::ptrdiff_t(i));
-            const Fit f = fit(all_, shape_of(members_, options_.turning));
-            const std::size_t first = first_amount_of(i);
-            const std::vector<Amount> amounts = amounts_of(members_[i].effect, members_[i].together);
-            if (wald_probability(f, first, amounts.size(), all_.size()) <= kSignificance &&
-                effect_torque_share(f, first, amounts) >= kSizeOfInterest) {
+            const Fit f = fit(all_, shape_of(members_));
+            const Members last = with(without(members_, i), members_[i]);
+            if (probability_of_last(all_, last) <= kSignificance &&
+                effect_torque_share(members_, i, f) >= kSizeOfInterest) {
                 ++i;
             } else {
-                members_ = fewer;
+                members_ = without(members_, i);
             }
         }
     }
 
-    std::size_t first_amount_of(std::size_t member) const {
-        std::size_t at = 1;
-        for (std::size_t i = 0; i < member; ++i)
-            at += amounts_of(members_[i].effect, members_[i].together).size();
-        return at;
+    // What another effect does better in a member's place goes for it, and a general effect for the special
+    // case of it that does as well.
+    void exchange() {
+        for (std::size_t i = base_members_; i < members_.size(); ++i) {
+            const Members fewer = without(members_, i);
+            if (const auto best = best_point(members_[i].effect, fewer, all_);
+                best && members_[i].kind != Way::Kind::linear) {
+                members_[i] = *best;
+            }
+            const double bare = cross_validated(all_, fewer);
+            double mine = cross_validated(all_, with(fewer, members_[i]));
+            const std::size_t general = members_[i].effect;
+            std::optional<Way> better;
+            for (std::size_t r = 0; r < model::kEffectCount; ++r) {
+                if (r == general || contains(fewer, r) || excluded(r)) continue;
+                const std::optional<Way> best = best_point(r, fewer, all_);
+                if (!best || !excited(*best)) continue;
+                const std::vector<double> other = left_out(all_, with(fewer, *best));
+                const double sum = std::accumulate(other.begin(), other.end(), 0.0);
+                if (sum > mine + 4 * kTied * (bare - mine)) continue;
+                const std::vector<double> here = left_out(all_, with(fewer, better ? *better : members_[i]));
+                const bool simpler = simplicity(*best) < simplicity(better ? *better : members_[i]);
+                if (simpler ? !surely_less(here, other) : surely_less(other, here) && sum < mine) {
+                    better = best;
+                    mine = sum;
+                }
+            }
+            if (!better) continue;
+            probability_[better->effect] = probability_of_last(all_, with(fewer, *better));
+            members_[i] = *better;
+        }
+    }
+
+    // The first of each block's squares are less than the second, by more than chance and by more than a
+    // trifle.
+    static bool surely_less(const std::vector<double>& first, const std::vector<double>& second) {
+        std::vector<double> gain(first.size());
+        for (std::size_t b = 0; b < first.size(); ++b) gain[b] = second[b] - first[b];
+        const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
+        const double of = std::accumulate(first.begin(), first.end(), 0.0);
+        return sum > kTrifle * of && signed_rank_probability(gain) <= kSignificance;
+    }
+
+    // Linear in its parameters first, then fewer unknowns, then the catalogue's order.
+    static std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
+        const bool linear = way.kind == Way::Kind::linear;
+        return {!linear, linear ? way.amounts.size() : model::kEffects[way.effect].parameters.size(),
+                way.effect};
+    }
+
+    static bool is_special_case(std::size_t special, std::size_t general) {
+        constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kCases{
+            {{"coulomb_friction", "stribeck_friction"}, {"torque_saturation", "back_emf_limit"}}};
+        return std::any_of(kCases.begin(), kCases.end(), [&](const auto& c) {
+            return model::kEffects[special].name == c.first && model::kEffects[general].name == c.second;
+        });
     }
 
     void report_effects() {
         const double closable = std::max(1e-12, (result_.gap_refit - result_.floor) * rows_);
-        const double with = squares(all_, result_.after);
+        const double with_all = squares(all_, result_.after);
         for (std::size_t i = base_members_; i < members_.size(); ++i) {
-            const Member m = members_[i];
             NamedEffect named;
-            named.effect = m.effect;
-            const std::size_t first = first_amount_of(i);
-            const std::vector<Amount> amounts = amounts_of(m.effect, m.together);
-            named.torque_share = effect_torque_share(result_.after, first, amounts);
-            named.probability = gains_[m.effect].second;
-            named.parameters = parameters_of(result_.after, first, m);
-            std::vector<Member> fewer = members_;
-            fewer.erase(fewer.begin() + std::ptrdiff_t(i));
-            const Fit bare = fit(all_, shape_of(fewer, options_.turning));
-            const double gain = squares(all_, bare) - with;
+            named.effect = members_[i].effect;
+            named.torque_share = effect_torque_share(members_, i, result_.after);
+            named.probability = probability_[named.effect];
+            named.parameters = parameters_in(i, result_.after);
+            allow_for_wheels(named);
+            const Members fewer = without(members_, i);
+            const Fit bare = fit(all_, shape_of(fewer));
             named.closes = std::clamp(
                 (cross_validated(all_, fewer) / rows_ - result_.gap_after) * rows_ / closable, 0.0, 1.0);
-            find_rivals(fewer, m, bare, with, gain, named);
+            find_rivals(fewer, members_[i], bare, with_all, squares(all_, bare) - with_all, named);
             result_.effects.push_back(named);
         }
         std::sort(result_.effects.begin(), result_.effects.end(),
                   [](const NamedEffect& a, const NamedEffect& b) { return a.closes > b.closes; });
     }
 
-    void find_rivals(const std::vector<Member>& fewer, const Member& m, const Fit& bare, double with,
-                     double gain, NamedEffect& named) const {
-        const std::vector<Amount> wanted = amounts_of(m.effect, m.together);
-        const std::vector<double> mine = [&] {
-            std::vector<Member> more = fewer;
-            more.push_back(m);
-            return left_out(all_, more);
-        }();
+    // Gravity and lateral acceleration act on the mass, K7 tells of the mass with the wheels' rotation. What
+    // share that has is not in any log of speeds: solid wheels of a twelfth of the robot's mass, give or
+    // take.
+    static void allow_for_wheels(NamedEffect& named) {
+        constexpr double kShare = 0.92;
+        constexpr double kShareError = 0.04;
+        const std::string_view name = model::kEffects[named.effect].name;
+        if (name != "slope" && name != "cog_lateral") return;
+        ParameterEstimate& p = named.parameters.front();
+        const double reach = (p.interval_95[1] - p.interval_95[0]) / 2;
+        p.value /= kShare;
+        const double unsure = p.value * kShareError / kShare;
+        p.standard_error = std::hypot(p.standard_error / kShare, unsure);
+        const double half = std::hypot(reach / kShare, 1.96 * unsure);
+        p.interval_95 = {p.value - half, p.value + half};
+    }
+
+    void find_rivals(const Members& fewer, const Way& mine, const Fit& bare, double with_all, double gain,
+                     NamedEffect& named) {
+        const std::vector<double> here = left_out(all_, with(fewer, mine));
         for (std::size_t r = 0; r < model::kEffectCount; ++r) {
-            if (r == m.effect || !column_excited(r)) continue;
-            if (std::any_of(fewer.begin(), fewer.end(), [&](const Member& o) { return o.effect == r; }))
-                continue;
-            const bool together = must_be_together(r) || (m.together && may_be_together(r));
-            std::vector<Member> other = fewer;
-            other.push_back({r, together});
-            const Fit instead = fit(all_, shape_of(other, options_.turning));
-            const std::size_t first = instead.shape.amounts.size() - amounts_of(r, together).size();
-            if (!in_range(instead, first, {r, together})) continue;
+            if (r == mine.effect || contains(fewer, r) || excluded(r)) continue;
+            std::optional<Way> best = best_point(r, fewer, all_);
+            if (!best || !excited(*best)) continue;
+            // as many unknowns as the one it would stand for
+            if (mine.kind == Way::Kind::linear && !mine.together && best->together) best = ways(r).back();
+            const Members other = with(fewer, *best);
+            const Fit instead = fit(all_, shape_of(other));
+            if (!in_range(other, other.size() - 1, instead)) continue;
             Rival rival;
             rival.effect = r;
-            rival.keeps = gain > 0 ? 1 - (squares(all_, instead) - with) / gain : 0.0;
-            rival.alike = likeness(all_, bare, wanted, amounts_of(r, together)) > kAlike;
+            rival.keeps = gain > 0 ? 1 - (squares(all_, instead) - with_all) / gain : 0.0;
+            // a general effect that does no better than its special case is that
+            rival.alike = likeness(all_, bare, directions(mine), directions(*best)) > kAlike ||
+                          (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
+            if (rival.keeps > 0.3) note_point(other, other.size() - 1, instead);
             std::vector<double> loss = left_out(all_, other);
-            for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= mine[b];
-            const bool worse = signed_rank_probability(loss) <= 0.05;
-            if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 5) {
+            rival.richer = simplicity(mine) < simplicity(*best) && !surely_less(loss, here);
+            for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
+            const bool worse = signed_rank_probability(loss) <= kSignificance;
+            if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 100) {
                 named.rivals.push_back(rival);
             } else {
                 named.ruled_out.push_back(rival);
@@ -436,36 +574,28 @@ class Searcher {
         }
     }
 
-    std::vector<ParameterEstimate> parameters_of(const Fit& f, std::size_t first, const Member& m) const {
-        const auto& info = model::kEffects[m.effect].parameters;
-        const std::vector<Amount> amounts = amounts_of(m.effect, m.together);
-        const std::size_t count = amounts.size();
-        const Eigen::Index at = kFirstAmount + Eigen::Index(first);
+    // The catalogue's parameters, with intervals by the delta method.
+    std::vector<ParameterEstimate> parameters_in(std::size_t member, const Fit& f) const {
+        const Way& way = members_[member];
+        const auto& info = model::kEffects[way.effect].parameters;
+        const Eigen::VectorXd amount = amounts_in(members_, member, f);
+        const Eigen::Index at = first_amount_of(members_, member);
+        const Eigen::Index count = amount.size();
+        const Eigen::MatrixXd cov = f.covariance.block(at, at, count, count);
         const double degrees = std::max(1.0, double(all_.size()) - 4);
         const double quantile = 1.96 + 2.4 / degrees + 3.0 / (degrees * degrees);
-        std::vector<ParameterEstimate> estimates;
-        const auto value_at = [&](const Eigen::VectorXd& amount) {
-            model::Parameters<double> c{};
-            for (std::size_t j = 0; j < info.size(); ++j)
-                c[j] = amount(Eigen::Index(m.together ? 0 : std::min(j, count - 1)));
-            model::Parameters<double> p = c;
-            std::array<bool, model::kEffectCount> one{};
-            one[m.effect] = true;
-            model::for_each_active(one, [&]<typename Effect>(std::size_t) {
-                if constexpr (model::HasOwnCoordinates<Effect>) p = Effect::from_coordinates(c);
-            });
-            return p;
+        const auto value_at = [&](const Eigen::VectorXd& a) {
+            return parameters_of(way, a, dictionary_.setting()).first;
         };
-        const Eigen::VectorXd amount = f.value.segment(at, Eigen::Index(count));
-        const Eigen::MatrixXd cov = f.covariance.block(at, at, Eigen::Index(count), Eigen::Index(count));
         const model::Parameters<double> p = value_at(amount);
+        std::vector<ParameterEstimate> estimates;
         for (std::size_t j = 0; j < info.size(); ++j) {
             Eigen::VectorXd slope(count);
-            for (std::size_t k = 0; k < count; ++k) {
+            for (Eigen::Index k = 0; k < count; ++k) {
                 Eigen::VectorXd moved = amount;
-                const double step = 1e-4 * std::max(1e-9, std::sqrt(cov(Eigen::Index(k), Eigen::Index(k))));
-                moved(Eigen::Index(k)) += step;
-                slope(Eigen::Index(k)) = (value_at(moved)[j] - p[j]) / step;
+                const double step = 1e-4 * std::max(1e-9, std::sqrt(cov(k, k)));
+                moved(k) += step;
+                slope(k) = (value_at(moved)[j] - p[j]) / step;
             }
             ParameterEstimate e;
             e.value = std::clamp(p[j], info[j].minimum, info[j].maximum);
@@ -491,13 +621,14 @@ class Searcher {
     }
 
     void find_places() {
-        const ModelShape shape = shape_of(members_, options_.turning);
+        const ModelShape shape = shape_of(members_);
         std::map<std::string, std::vector<int>> places;
-        const auto [first, end] = rich_columns();
-        for (int c = first; c < end; ++c) places[std::string(columns()[std::size_t(c)].place)].push_back(c);
+        for (auto [c, end] = dictionary_.rich_columns(); c < end; ++c) {
+            places[std::string(dictionary_.columns()[std::size_t(c)].place)].push_back(c);
+        }
         const double closable = (result_.gap_refit - result_.floor) * rows_;
         for (auto& [name, group] : places) {
-            group.push_back(kTiming);
+            group.push_back(Dictionary::kTiming);
             const double left = reachable_squares(all_, shape, group);
             const double share = closable > 0 ? (result_.gap_refit * rows_ - left) / closable : 0.0;
             if (share > 0.02) result_.where.push_back({name, std::min(1.0, share)});
@@ -509,33 +640,37 @@ class Searcher {
     // The smallest size that this log could have shown: as certain as the
     // acceptance asks, and of interest.
     void find_detectable() {
+        const double infinity = std::numeric_limits<double>::infinity();
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            const std::vector<Way> all = ways(i);
+            if (all.empty() || contains(members_, i)) continue;
+            const bool linear = all.front().kind == Way::Kind::linear;
+            const Way& way = linear ? all.front() : all[all.size() / 2];
+            const Members more = with(members_, way);
+            const Fit f = fit(all_, shape_of(more));
+            const Eigen::Index first = first_amount_of(more, more.size() - 1);
+            Eigen::VectorXd least(way.amounts.size());
+            for (std::size_t k = 0; k < way.amounts.size(); ++k) {
+                double power = 0;
+                for (const int c : way.amounts[k].columns) {
+                    for (const int c2 : way.amounts[k].columns) power += set_.wheel_power(c, c2);
+                }
+                const bool excited = power > 0 && likeness(all_, result_.base, {way.amounts[k]}, {}) < 1;
+                const double interest =
+                    power > 0 ? kSizeOfInterest * set_.torque_rms_Nm / std::sqrt(power) : infinity;
+                least(Eigen::Index(k)) =
+                    excited ? std::max(interest, 4.5 * f.error(first + Eigen::Index(k))) : infinity;
+            }
             Detectable d;
             d.effect = i;
-            if (!has_columns(i)) continue;
-            std::vector<Member> more = members_;
-            if (std::any_of(more.begin(), more.end(), [&](const Member& m) { return m.effect == i; }))
-                continue;
-            const bool together = may_be_together(i);
-            more.push_back({i, together});
-            const ModelShape shape = shape_of(more, options_.turning);
-            const Fit f = fit(all_, shape);
-            const std::vector<Amount> amounts = amounts_of(i, together);
-            const std::size_t first = shape.amounts.size() - amounts.size();
-            for (std::size_t j = 0;
-                 j < model::kEffects[i].parameters.size() && j < std::max<std::size_t>(amounts.size(), 2);
-                 ++j) {
-                const std::size_t k = std::min(j, amounts.size() - 1);
-                double power = 0;
-                for (const int c : amounts[k].columns) {
-                    for (const int c2 : amounts[k].columns) power += set_.wheel_power(c, c2);
-                }
-                const double interest = power > 0 ? kSizeOfInterest * set_.torque_rms_Nm / std::sqrt(power)
-                                                  : std::numeric_limits<double>::infinity();
-                const bool excited = power > 0 && likeness(all_, result_.base, {amounts[k]}, {}) < 1;
-                d.size.push_back(
-                    excited ? std::max(interest, 4.5 * f.error(kFirstAmount + Eigen::Index(first + k)))
-                            : std::numeric_limits<double>::infinity());
+            if (linear) {
+                for (Eigen::Index k = 0; k < least.size(); ++k) d.size.push_back(least(k));
+                if (way.together) d.size.push_back(least(0));
+            } else if (least.allFinite()) {
+                const auto p = parameters_of(way, least, dictionary_.setting()).first;
+                d.size.assign(p.begin(), p.begin() + std::ptrdiff_t(model::kEffects[i].parameters.size()));
+            } else {
+                d.size.assign(model::kEffects[i].parameters.size(), infinity);
             }
             result_.detectable.push_back(d);
         }
@@ -557,8 +692,10 @@ class Searcher {
     }
 
     void judge() {
-        const bool much_left = result_.left_torque_share > kLargeGap &&
-                               result_.left_torque_share > 0.5 * result_.closable_torque_share;
+        const bool much_left = (result_.left_torque_share > kLargeGap &&
+                                result_.left_torque_share > 0.5 * result_.closable_torque_share) ||
+                               (!result_.effects.empty() && result_.left_torque_share > kSmallGap &&
+                                result_.left_torque_share > kShareLeft * result_.closable_torque_share);
         const auto percent = [](double share) {
             return std::to_string(double(std::lround(1000 * share)) / 10.0).substr(0, 4) + " %";
         };
@@ -576,7 +713,7 @@ class Searcher {
         }
         for (const NamedEffect& e : result_.effects) {
             for (const Rival& r : e.rivals) {
-                if (r.alike) continue;
+                if (r.alike || r.richer) continue;
                 result_.verdict = Verdict::cannot_tell;
                 result_.reason = "this log does not tell " + std::string(model::kEffects[e.effect].name) +
                                  " from " + std::string(model::kEffects[r.effect].name);
@@ -596,11 +733,13 @@ class Searcher {
 
     const BlockSet& set_;
     const SearchOptions& options_;
+    const Dictionary& dictionary_;
     Blocks all_, select_, confirm_, report_;
-    std::vector<Member> members_;
+    Members members_;
     std::size_t base_members_ = 0;
     double rows_ = 1;
-    std::map<std::size_t, std::pair<double, double>> gains_;
+    double closable_at_first_ = 0;  // on the blocks that select
+    std::map<std::size_t, double> probability_;
     Search result_;
 };
 
@@ -622,28 +761,24 @@ const char* verdict_name(Verdict verdict) {
     return "";
 }
 
-model::EffectSet<double> effects_of(const Fit& f) {
+std::vector<Amount> directions(const Way& way) {
+    if (way.fixed.empty()) return way.amounts;
+    return {{way.fixed}};
+}
+
+model::EffectSet<double> effects_of(const std::vector<Way>& members, const Fit& f, const Setting& setting) {
     model::EffectSet<double> set;
-    std::array<model::Parameters<double>, model::kEffectCount> coordinates{};
-    for (std::size_t a = 0; a < f.shape.amounts.size(); ++a) {
-        for (const int c : f.shape.amounts[a].columns) {
-            const ColumnName& name = columns()[std::size_t(c)];
-            if (name.effect == model::kEffectCount) continue;
-            set.active[name.effect] = true;
-            coordinates[name.effect][name.coordinate] = f.value(kFirstAmount + Eigen::Index(a));
-        }
+    Eigen::Index at = kFirstAmount + 1;
+    for (const Way& way : members) {
+        const auto count = static_cast<Eigen::Index>(way.amounts.size());
+        model::Parameters<double> p = parameters_of(way, f.value.segment(at, count), setting).first;
+        at += count;
+        const auto& info = model::kEffects[way.effect].parameters;
+        for (std::size_t j = 0; j < info.size(); ++j)
+            p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
+        set.active[way.effect] = true;
+        set.parameter[way.effect] = p;
     }
-    model::for_each_active(set.active, [&]<typename Effect>(std::size_t i) {
-        if constexpr (model::HasOwnCoordinates<Effect>) {
-            set.parameter[i] = Effect::from_coordinates(coordinates[i]);
-        } else {
-            set.parameter[i] = coordinates[i];
-        }
-        for (std::size_t j = 0; j < Effect::parameters.size(); ++j) {
-            set.parameter[i][j] =
-                std::clamp(set.parameter[i][j], Effect::parameters[j].minimum, Effect::parameters[j].maximum);
-        }
-    });
     return set;
 }
 

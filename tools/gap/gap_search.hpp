@@ -17,11 +17,13 @@ namespace wheelwright::gap {
 // Thresholds. Shares are of 1.
 inline constexpr double kSignificance = 0.01;         // of each test, after Holm over the catalogue
 inline constexpr double kLeastShareOfClosable = 0.2;  // of the closable gap that is left
+inline constexpr double kLeastShareOfAll = 0.0005;    // of the closable gap at first
 inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torque over RMS of the torque
 inline constexpr double kSmallGap = 0.015;            // closable gap as a share of what torque does
 inline constexpr double kLargeGap = 0.03;             // left over: unexplained
-inline constexpr double kAlike = 0.999;  // likeness in this log above which no log like it separates
-inline constexpr double kTied = 0.05;    // share of its gain that a rival may lose and still be tied
+inline constexpr double kShareLeft = 0.33;  // of the closable torque, beside what was named: unexplained too
+inline constexpr double kAlike = 0.999;     // likeness in this log above which no log like it separates
+inline constexpr double kTied = 0.05;       // share of its gain that a rival may lose and still be tied
 inline constexpr std::size_t kMostEffects = 4;
 
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
@@ -37,8 +39,9 @@ struct ParameterEstimate {
 
 struct Rival {
     std::size_t effect = 0;
-    bool alike = false;  // no motion in this log tells them apart
-    double keeps = 0;    // share of the gain that it keeps in the winner's place
+    bool alike = false;   // no motion in this log tells them apart
+    bool richer = false;  // has more to choose, and is not surely better for it: the simpler one is named
+    double keeps = 0;     // share of the gain that it keeps in the winner's place
     // Driven with this size it tells them apart best (motions.hpp); null: none is known.
     const Motion* motion = nullptr;
     double motion_size_Nm = 0;
@@ -66,7 +69,10 @@ struct Detectable {
 };
 
 struct SearchOptions {
-    model::EffectSet<double> base;  // effects that the model has already; refitted
+    const Dictionary* dictionary = nullptr;  // that the blocks were made with
+    model::EffectSet<double> base;           // effects that the model has already; refitted
+    Points given;                            // effects that are known otherwise, and are not refitted
+    std::vector<std::size_t> excluded;       // known not to be there
     bool turning = true;
 };
 
@@ -77,8 +83,11 @@ struct Search {
     std::vector<std::string> unknowable;
     std::vector<Place> where;
     std::vector<Detectable> detectable;
-    Fit base;   // without the named effects
-    Fit after;  // with them
+    std::vector<Way> members;  // of `after`, in its order: first those of the base
+    std::size_t base_members = 0;
+    Fit base;       // without the named effects
+    Fit after;      // with them
+    Points points;  // where the effects that are not linear fit best, for a dictionary with a closer look
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
     double closable_torque_share = 0, left_torque_share = 0;
@@ -90,7 +99,10 @@ struct Search {
 // turned out.
 Search search(const BlockSet& train, const std::vector<Block>& report, const SearchOptions& options);
 
-// The effects of a fit as an EffectSet, base effects included.
-model::EffectSet<double> effects_of(const Fit& fit);
+// The effects of a fit with these members.
+model::EffectSet<double> effects_of(const std::vector<Way>& members, const Fit& fit, const Setting& setting);
+
+// The columns that an effect's presence is told by.
+std::vector<Amount> directions(const Way& way);
 
 }  // namespace wheelwright::gap

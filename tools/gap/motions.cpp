@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "sim_hal/plant.hpp"
+#include "tools/gap/gap_search.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -55,7 +56,7 @@ constexpr int kStepsPerSample = 5;
 
 // Empty: faster than it may be.
 MeasuredLog simulate(const Confusion& c, const Motion& motion, double size_Nm) {
-    sim::Plant plant(sim::plant_from_dynamics(c.geometry, c.dynamics, c.effects));
+    sim::Plant plant(sim::plant_from_dynamics(c.setting.geometry, c.setting.dynamics, c.effects));
     MeasuredLog log;
     log.period_s = kPeriod_s;
     for (int i = 0; i <= static_cast<int>(kMotion_s / log.period_s); ++i) {
@@ -73,13 +74,15 @@ MeasuredLog simulate(const Confusion& c, const Motion& motion, double size_Nm) {
     return log;
 }
 
-std::vector<Amount> amounts_of(std::size_t effect, const Fit& as_in) {
-    std::vector<Amount> all;
-    for (const Amount& amount : as_in.shape.amounts) {
-        if (columns()[std::size_t(amount.columns.front())].effect == effect) all.push_back(amount);
+// As in the named model where it is one of its members, else with all it can do.
+std::vector<Amount> amounts_of(const Dictionary& dictionary, std::size_t effect,
+                               const std::vector<Way>& members) {
+    if (!dictionary.ways(effect).empty()) return directions(dictionary.ways(effect).back());
+    for (const Way& way : members) {
+        if (way.effect == effect) return directions(way);
     }
-    if (!all.empty()) return all;
-    for (int c = columns_of(effect).first; c < columns_of(effect).second; ++c) all.push_back({{c}});
+    std::vector<Amount> all;
+    for (auto [c, end] = dictionary.linear_columns(effect); c < end; ++c) all.push_back({{c}});
     return all;
 }
 
@@ -103,21 +106,25 @@ Separation separating_motion(const Confusion& c) {
         for (int i = 0; i < kSizes && log.samples.empty(); ++i)
             log = simulate(c, motion, size_Nm *= kSizeRatio);
         if (log.samples.empty()) continue;
+        Setting setting = c.setting;
+        setting.span_s = kMotion_s;
+        const Dictionary dictionary(setting, c.points);
         BlockOptions options;
-        options.geometry = c.geometry;
-        options.dynamics = c.dynamics;
+        options.dictionary = &dictionary;
         options.noise_rad_per_s = c.noise_rad_per_s;
         options.speed_rms_rad_per_s = c.speed_rms_rad_per_s;
         const LogPart part{&log, 0, 0, log.samples.size(), 0};
-        const BlockSet set = make_blocks(std::array{part}, options);
+        BlockSet set = make_blocks(std::array{part}, options);
         if (set.blocks.empty()) continue;
+        weigh(set, Colour::white());
         Fit base = c.base;
         base.shape.turning = true;
-        base.value(3) = c.dynamics.k8_per_kg_m2;
+        base.shape.fixed.clear();
+        base.value(3) = c.setting.dynamics.k8_per_kg_m2;
         Blocks blocks;
         for (const Block& block : set.blocks) blocks.push_back(&block);
-        const double alike =
-            likeness(blocks, base, amounts_of(c.effect, c.after), amounts_of(c.rival, c.after));
+        const double alike = likeness(blocks, base, amounts_of(dictionary, c.effect, c.members),
+                                      amounts_of(dictionary, c.rival, c.members));
         if (alike < least) {
             least = alike;
             best = {&motion, size_Nm};

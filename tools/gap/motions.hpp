@@ -5,8 +5,8 @@
 #include <span>
 #include <string>
 #include <string_view>
+#include <vector>
 
-#include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
 #include "tools/gap/gap_fit.hpp"
 
@@ -26,11 +26,11 @@ const Motion* find_motion(std::string_view name);  // null: none is called so
 // Two effects that a log does not tell apart, and what is known of the robot.
 struct Confusion {
     std::size_t effect = 0, rival = 0;
-    model::Geometry<double> geometry;
-    model::Dynamics<double> dynamics;
+    Setting setting;
+    Points points;                     // of effects that are not linear
     model::EffectSet<double> effects;  // with the one named
     Fit base;                          // without it
-    Fit after;                         // with it: whether left and right are one parameter
+    std::vector<Way> members;          // with it: whether left and right are one parameter
     double torque_rms_Nm = 0;          // that the robot was driven with, and
     double speed_rms_rad_per_s = 0;    // the wheel speeds it had: no motion goes beyond twice that
     WheelPair<double> noise_rad_per_s;

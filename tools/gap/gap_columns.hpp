@@ -1,0 +1,159 @@
+// What an effect of the catalogue does along a measured log, and which columns of regression the search has
+// for it.
+//
+// An effect that is linear in its coordinates has one column for each. Any other enters at points: for each
+// of a few values of its nonlinear parameters there are columns of what it does there ("grid"), and once it
+// has been found, of what it does at the values found and how that changes with each parameter ("focus"),
+// which is a Gauss-Newton step.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <span>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+#include "firmware/model/effects.hpp"
+
+namespace wheelwright::gap {
+
+// One sample's interval of a log.
+struct Interval {
+    double t_s = 0, dt_s = 0, span_s = 0;     // since the log's start; the log's length
+    WheelPair<double> torque, torque_before;  // held over this interval and the one before
+    WheelPair<double> before, after;          // wheel speeds at its ends
+    WheelPair<double> angle;                  // at its middle, from the log's start
+    double heading_rad = 0;                   // at its middle
+
+    WheelPair<double> speed() const {
+        return {(before.left + after.left) / 2, (before.right + after.right) / 2};
+    }
+};
+
+struct Setting {
+    model::Geometry<double> geometry;
+    model::Dynamics<double> dynamics;
+    double peak_torque_Nm = 1, peak_speed_rad_per_s = 1;
+    double span_s = 60, period_s = 0.001;
+
+    double effective_mass_kg() const { return 1 / (dynamics.k7_per_kg_m * geometry.mean_radius_m()); }
+    double effective_inertia_kg_m2() const {
+        return geometry.track_m / (2 * geometry.mean_radius_m() * dynamics.k8_per_kg_m2);
+    }
+};
+
+// The wheel torque that an effect adds, interval by interval from a log's start. Whatever an effect changes
+// is expressed as the torque that would do the same to the measured speeds.
+class Contribution {
+  public:
+    virtual ~Contribution() = default;
+    virtual WheelPair<double> over(const Interval& interval) = 0;
+};
+std::unique_ptr<Contribution> contribution(std::size_t effect, const model::Parameters<double>& parameters,
+                                           const Setting& setting);
+
+struct Column {
+    std::size_t effect = model::kEffectCount;
+    std::string_view place;  // of a column that stands for no effect: where it would show
+};
+
+// Columns that share one unknown amount. Several columns: they are equal (left and right).
+struct Amount {
+    std::vector<int> columns;
+    bool operator==(const Amount&) const = default;
+};
+
+// One way in which an effect may enter a model.
+struct Way {
+    enum class Kind { linear, grid, focus };
+    std::size_t effect = model::kEffectCount;
+    Kind kind = Kind::linear;
+    std::vector<Amount> amounts;
+    std::vector<int> fixed;            // columns whose coefficient is one
+    model::Parameters<double> at{};    // grid, focus: the point
+    std::vector<std::size_t> free;     // focus: the parameter of each amount
+    bool together = false;             // linear: left and right share one amount
+    std::vector<unsigned> coordinate;  // linear: of each amount
+
+    bool same_effect(const Way& other) const { return effect == other.effect; }
+};
+
+// The parameters that amounts of a way stand for. The second says whether the amounts are plausible for it: a
+// lag whose column would have to be taken ten times is another lag, or none.
+std::pair<model::Parameters<double>, bool> parameters_of(const Way& way, const Eigen::VectorXd& amounts,
+                                                         const Setting& setting);
+
+using Points = std::map<std::size_t, model::Parameters<double>>;
+
+// The columns of an analysis, in their order: base, every coordinate of every linear effect, points of the
+// others, and a rich set of smooth functions of motion and torque, with which the reachable floor and the
+// places are found.
+class Dictionary {
+  public:
+    // Columns that every model has.
+    enum Base : int { kProduct, kTorque, kTiming, kFirstEffect };
+
+    // `focus`: effects that are to be refined, and from where.
+    Dictionary(const Setting& setting, const Points& focus);
+
+    const Setting& setting() const { return setting_; }
+    std::span<const Column> columns() const { return columns_; }
+    // First and one past the last.
+    std::pair<int, int> linear_columns(std::size_t effect) const { return linear_[effect]; }
+    std::pair<int, int> rich_columns() const { return rich_; }
+    // Of an effect that is not linear.
+    std::span<const Way> ways(std::size_t effect) const { return ways_[effect]; }
+
+    // Computes all columns but kProduct along a log.
+    class Walker {
+      public:
+        explicit Walker(const Dictionary& dictionary);
+        // `take(column, pair)` for each column from kTorque on; standing: nothing acts, but time passes.
+        template <typename Take>
+        void step(const Interval& interval, bool standing, Take&& take) {
+            values_.clear();
+            compute(interval, standing);
+            for (std::size_t i = 0; i < values_.size(); ++i) take(static_cast<int>(i) + kTorque, values_[i]);
+        }
+
+      private:
+        void compute(const Interval& interval, bool standing);
+        void effect_columns(const Interval& interval);
+
+        const Dictionary& dictionary_;
+        std::vector<std::unique_ptr<Contribution>> term_;
+        std::vector<WheelPair<double>> now_, values_;
+        WheelPair<double> slow_torque_;
+        bool first_ = true;
+    };
+
+  private:
+    // A column of a point: a difference of contributions.
+    struct Probe {
+        std::size_t plus = 0, minus = kNone;
+        double scale = 1;
+    };
+    static constexpr std::size_t kNone = ~std::size_t{0};
+    struct Term {
+        std::size_t effect;
+        model::Parameters<double> parameters;
+    };
+
+    std::size_t term(std::size_t effect, const model::Parameters<double>& p);
+    int add(std::size_t effect, const Probe& probe);
+    void add_grid(std::size_t effect);
+    void add_focus(std::size_t effect, const model::Parameters<double>& at);
+
+    Setting setting_;
+    std::vector<Column> columns_;
+    std::vector<std::pair<int, int>> linear_;
+    std::vector<std::vector<Way>> ways_;
+    std::pair<int, int> rich_;
+    std::vector<Term> terms_;
+    std::vector<Probe> probes_;
+};
+
+}  // namespace wheelwright::gap

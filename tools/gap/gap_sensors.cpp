@@ -1,0 +1,337 @@
+#include "tools/gap/gap_sensors.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
+
+namespace wheelwright::gap {
+namespace {
+
+using tools::MeasuredLog;
+using tools::MeasuredSample;
+using Side = double WheelPair<double>::*;
+constexpr std::array<Side, 2> kSides{&WheelPair<double>::left, &WheelPair<double>::right};
+
+constexpr double kSpike = 15;               // robust standard deviations of what neighbours do not tell
+constexpr double kSpikeShare = 0.4;         // of the usual speed, at least
+constexpr std::size_t kHeld = 3;            // repeats in a row
+constexpr double kChance = 1e-3;            // that a log repeats so by itself
+constexpr double kCoarse_rad_per_s = 0.02;  // a smaller step of the speeds is noise like any other
+constexpr double kBiasOfInterest_rad_per_s = 0.003;
+constexpr double kLagOfInterest_s = 0.004;
+constexpr double kSure = 5;  // standard errors
+constexpr double kGyroBlock_s = 1;
+
+double median(std::vector<double> values) {
+    if (values.empty()) return 0;
+    const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+    std::nth_element(values.begin(), middle, values.end());
+    return *middle;
+}
+constexpr double kDeviationOverMedian = 1.4826;
+
+double middle_of_five(const MeasuredLog& log, std::size_t i, Side side) {
+    std::array<double, 5> near{};
+    const std::size_t first = std::min(i < 2 ? 0 : i - 2, log.samples.size() - near.size());
+    for (std::size_t k = 0; k < near.size(); ++k) near[k] = log.samples[first + k].speed_rad_per_s.*side;
+    std::nth_element(near.begin(), near.begin() + 2, near.end());
+    return near[2];
+}
+
+// Two in five may be wrong.
+void repair_spikes(MeasuredLog& log, std::vector<LogFault>& faults) {
+    std::size_t count = 0;
+    double first_s = 0;
+    for (const Side side : kSides) {
+        std::vector<double> off, size;
+        for (std::size_t i = 0; i < log.samples.size(); ++i) {
+            off.push_back(std::abs(log.samples[i].speed_rad_per_s.*side - middle_of_five(log, i, side)));
+            size.push_back(std::abs(log.samples[i].speed_rad_per_s.*side));
+        }
+        const double limit = std::max(kSpike * kDeviationOverMedian * median(off),
+                                      kSpikeShare * kDeviationOverMedian * median(size));
+        if (!(limit > 0)) continue;
+        std::vector<std::size_t> wrong;
+        for (std::size_t i = 0; i < off.size(); ++i) {
+            if (off[i] > limit) wrong.push_back(i);
+        }
+        for (std::size_t w = 0; w < wrong.size(); ++w) {
+            const std::size_t begin = wrong[w];
+            while (w + 1 < wrong.size() && wrong[w + 1] == wrong[w] + 1) ++w;
+            const std::size_t end = wrong[w];
+            const double low = begin > 0
+                                   ? log.samples[begin - 1].speed_rad_per_s.*side
+                                   : log.samples[std::min(end + 1, off.size() - 1)].speed_rad_per_s.*side;
+            const double high = end + 1 < off.size() ? log.samples[end + 1].speed_rad_per_s.*side : low;
+            for (std::size_t i = begin; i <= end; ++i) {
+                const double share = double(i - begin + 1) / double(end - begin + 2);
+                log.samples[i].speed_rad_per_s.*side = low + share * (high - low);
+            }
+            if (count == 0 || log.samples[begin].t_s < first_s) first_s = log.samples[begin].t_s;
+            count += end - begin + 1;
+        }
+    }
+    if (count > 0) {
+        faults.push_back({"log_outliers", double(count) / double(2 * log.samples.size()), count, first_s});
+    }
+}
+
+void mark_held(const MeasuredLog& log, std::vector<bool>& unusable, std::vector<LogFault>& faults) {
+    const auto repeats = [&](std::size_t i) {
+        const MeasuredSample& a = log.samples[i - 1];
+        const MeasuredSample& b = log.samples[i];
+        return a.speed_rad_per_s.left == b.speed_rad_per_s.left &&
+               a.speed_rad_per_s.right == b.speed_rad_per_s.right &&
+               (!log.has_gyro || a.gyro_rad_per_s == b.gyro_rad_per_s);
+    };
+    const auto still = [&](std::size_t i) {
+        const WheelPair<double>& w = log.samples[i].speed_rad_per_s;
+        return w.left == 0 && w.right == 0;
+    };
+    // how often one sample repeats the other by itself: where not both neighbours do, lest the runs count
+    double alone = 0;
+    double moving = 0;
+    std::vector<std::pair<std::size_t, std::size_t>> runs;  // first repeated, one past
+    for (std::size_t i = 1; i < log.samples.size();) {
+        if (still(i)) {
+            ++i;
+            continue;
+        }
+        std::size_t end = i;
+        while (end < log.samples.size() && repeats(end) && !still(end)) ++end;
+        moving += double(std::max<std::size_t>(1, end - i));
+        if (end - i >= kHeld)
+            runs.emplace_back(i, end);
+        else
+            alone += double(end - i);
+        i = std::max(end, i + 1);
+    }
+    const double chance = moving > 0 ? alone / moving : 1.0;
+    std::size_t count = 0;
+    double first_s = 0;
+    for (const auto& [begin, end] : runs) {
+        if (std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance) continue;
+        if (count == 0) first_s = log.samples[begin].t_s;
+        count += end - begin;
+        for (std::size_t i = begin - 1; i < std::min(end + 1, unusable.size()); ++i) unusable[i] = true;
+    }
+    if (count > 0) {
+        faults.push_back({"log_dropouts", double(count) / double(log.samples.size()), count, first_s});
+    }
+}
+
+// The step that all speeds are whole multiples of; 0: none, or one too fine to matter.
+double common_step(const std::vector<MeasuredLog>& logs) {
+    double least = 1e9;
+    double largest = 0;
+    for (const MeasuredLog& log : logs) {
+        for (std::size_t i = 1; i < log.samples.size(); ++i) {
+            for (const Side side : kSides) {
+                const double a = log.samples[i - 1].speed_rad_per_s.*side;
+                const double b = log.samples[i].speed_rad_per_s.*side;
+                const double size = std::abs(b - a);
+                if (size > kCoarse_rad_per_s / 2) least = std::min(least, size);
+                largest = std::max(largest, std::abs(b));
+            }
+        }
+    }
+    if (least > largest / 8 || least < kCoarse_rad_per_s) return 0;
+    // the step from ever larger multiples, which know it better
+    double step = least;
+    for (double reach = 8; reach * step < 2 * largest; reach *= 4) {
+        double product = 0;
+        double square = 0;
+        for (const MeasuredLog& log : logs) {
+            for (const MeasuredSample& s : log.samples) {
+                for (const Side side : kSides) {
+                    const double n = std::round(s.speed_rad_per_s.*side / step);
+                    if (std::abs(n) > reach) continue;
+                    product += n * s.speed_rad_per_s.*side;
+                    square += n * n;
+                }
+            }
+        }
+        if (square > 0) step = product / square;
+    }
+    std::size_t off = 0;
+    std::size_t all = 0;
+    for (const MeasuredLog& log : logs) {
+        for (const MeasuredSample& s : log.samples) {
+            for (const Side side : kSides) {
+                const double n = s.speed_rad_per_s.*side / step;
+                off += std::abs(n - std::round(n)) > 0.02;
+                ++all;
+            }
+        }
+    }
+    return double(off) < 0.05 * double(all) ? step : 0.0;
+}
+
+// gyro = bias + slope omega + bend v, with the gyro delayed by a first-order lag of `lag_s`; and how much is
+// left over.
+struct GyroFit {
+    Eigen::Vector3d value = Eigen::Vector3d::Zero();
+    Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+    std::vector<double> squares;  // of each block
+    double total = 0;
+};
+GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, double lag_s) {
+    struct Sum {
+        Eigen::Matrix3d xx = Eigen::Matrix3d::Zero();
+        Eigen::Vector3d xy = Eigen::Vector3d::Zero();
+        double yy = 0;
+    };
+    std::vector<Sum> blocks;
+    for (const MeasuredLog& log : logs) {
+        double late = log.samples.front().gyro_rad_per_s;
+        const double share = lag_s > 0 ? -std::expm1(-log.period_s / lag_s) : 1.0;
+        const auto length = static_cast<std::size_t>(std::max(4.0, kGyroBlock_s / log.period_s));
+        for (std::size_t i = 0; i < log.samples.size(); ++i) {
+            const MeasuredSample& s = log.samples[i];
+            // the rate between two samples is their mean's
+            const double between =
+                i == 0 ? s.gyro_rad_per_s : (s.gyro_rad_per_s + log.samples[i - 1].gyro_rad_per_s) / 2;
+            late = lag_s > 0 ? late + share * (between - late) : s.gyro_rad_per_s;
+            if (i % length == 0) blocks.emplace_back();
+            const Twist<double> u = model::twist_from_wheel_speeds(g, s.speed_rad_per_s);
+            const Eigen::Vector3d x(1, u.omega_rad_per_s, u.v_m_per_s);
+            blocks.back().xx += x * x.transpose();
+            blocks.back().xy += late * x;
+            blocks.back().yy += late * late;
+        }
+    }
+    GyroFit fit;
+    Sum all;
+    for (const Sum& b : blocks) {
+        all.xx += b.xx;
+        all.xy += b.xy;
+    }
+    Eigen::Matrix3d normal = all.xx;
+    normal.diagonal() *= 1 + 1e-9;
+    const Eigen::Matrix3d inverse = normal.ldlt().solve(Eigen::Matrix3d::Identity());
+    fit.value = inverse * all.xy;
+    Eigen::Matrix3d meat = Eigen::Matrix3d::Zero();
+    for (const Sum& b : blocks) {
+        const Eigen::Vector3d score = b.xy - b.xx * fit.value;
+        meat += score * score.transpose();
+        fit.squares.push_back(b.yy - 2 * fit.value.dot(b.xy) + fit.value.dot(b.xx * fit.value));
+        fit.total += fit.squares.back();
+    }
+    fit.covariance = inverse * meat * inverse;
+    return fit;
+}
+
+// Sum of squares of the gyros' white noise, from second differences.
+double noise_squares(const std::vector<MeasuredLog>& logs) {
+    double sum = 0;
+    for (const MeasuredLog& log : logs) {
+        for (std::size_t i = 2; i < log.samples.size(); ++i) {
+            sum += std::pow(log.samples[i].gyro_rad_per_s - 2 * log.samples[i - 1].gyro_rad_per_s +
+                                log.samples[i - 2].gyro_rad_per_s,
+                            2) /
+                   6;
+        }
+    }
+    return sum;
+}
+
+// The lag at which the gyro looks most like the wheels, from a parabola through the best of a grid that is
+// refined.
+void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, Sensors::Gyro& gyro) {
+    const auto left = [&](double lag_s) { return fit_gyro(logs, g, lag_s).total; };
+    constexpr double kMost_s = 0.4;
+    double best = 0;
+    double least = left(0);
+    const double none = least;
+    for (double lag = 0.002; lag < kMost_s; lag *= 1.5) {
+        const double now = left(lag);
+        if (now < least) {
+            least = now;
+            best = lag;
+        }
+    }
+    const std::vector<double> without = fit_gyro(logs, g, 0).squares;
+    if (best == 0) {
+        gyro.lag_error_s = kLagOfInterest_s / kSure;
+        return;
+    }
+    double width = 0.25 * best;
+    for (int pass = 0; pass < 6; ++pass, width /= 2) {
+        const double low = left(best - width);
+        const double high = left(best + width);
+        const double bend = low + high - 2 * least;
+        if (!(bend > 0)) break;
+        best = std::max(1e-4, best + std::clamp(width / 2 * (low - high) / bend, -width, width));
+        least = left(best);
+    }
+    // one standard error: where each block's own loss, as noisy as the blocks are, balances the bend
+    const double step = 0.1 * best;
+    const std::vector<double> low = fit_gyro(logs, g, best - step).squares;
+    const std::vector<double> high = fit_gyro(logs, g, best + step).squares;
+    double bend = 0;
+    double noise = 0;
+    for (std::size_t i = 0; i < low.size(); ++i) {
+        bend += low[i] + high[i];
+        noise += std::pow((high[i] - low[i]) / (2 * step), 2);
+    }
+    bend = (bend - 2 * least) / (step * step);
+    gyro.lag_s = best;
+    gyro.lag_error_s = bend > 0 ? std::sqrt(noise) / bend : best;
+    double gained = 0;
+    double spread = 0;
+    const std::vector<double> with = fit_gyro(logs, g, best).squares;
+    for (std::size_t i = 0; i < with.size(); ++i) {
+        gained += without[i] - with[i];
+        spread += std::pow(without[i] - with[i], 2);
+    }
+    // The lag smooths the gyro's own noise, which gains something without any lag in the wheels' report.
+    const double smoothed = noise_squares(logs);
+    // not sure of it, or of next to nothing
+    if (gained < kSure * std::sqrt(spread) / 2 || gained < 0.02 * none + 2 * smoothed) gyro.lag_s = 0;
+    if (bend > 0) gyro.lag_error_s = std::max(gyro.lag_error_s, std::sqrt(0.1 * smoothed / bend));
+}
+
+}  // namespace
+
+std::vector<LogFault> repair(MeasuredLog& log, std::vector<bool>& unusable) {
+    std::vector<LogFault> faults;
+    unusable.assign(log.samples.size(), false);
+    if (log.samples.size() < 10) return faults;
+    repair_spikes(log, faults);
+    mark_held(log, unusable, faults);
+    return faults;
+}
+
+Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& geometry) {
+    Sensors sensors;
+    if (const double step = common_step(logs); step > 0) {
+        const double counts = 2 * std::numbers::pi / (step * model::EncoderQuantisation::kCountingTime_s);
+        sensors.effects.push_back({model::find_effect("encoder_quantisation"), counts, 1e-4 * counts});
+    }
+    if (!std::all_of(logs.begin(), logs.end(), [](const MeasuredLog& log) { return log.has_gyro; })) {
+        return sensors;
+    }
+    Sensors::Gyro gyro;
+    find_lag(logs, geometry, gyro);
+    const GyroFit fit = fit_gyro(logs, geometry, gyro.lag_s);
+    const auto error = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, fit.covariance(i, i))); };
+    gyro.bias_rad_per_s = fit.value(0);
+    gyro.bias_error = error(0);
+    gyro.slope = fit.value(1);
+    gyro.slope_error = error(1);
+    gyro.bend_per_m = fit.value(2);
+    gyro.bend_error = error(2);
+    if (std::abs(gyro.bias_rad_per_s) > std::max(kBiasOfInterest_rad_per_s, kSure * gyro.bias_error)) {
+        sensors.effects.push_back({model::find_effect("gyro_bias"), gyro.bias_rad_per_s, gyro.bias_error});
+    }
+    if (gyro.lag_s > std::max(kLagOfInterest_s, kSure * gyro.lag_error_s)) {
+        sensors.effects.push_back({model::find_effect("measurement_lag"), gyro.lag_s, gyro.lag_error_s});
+    }
+    sensors.gyro = gyro;
+    return sensors;
+}
+
+}  // namespace wheelwright::gap

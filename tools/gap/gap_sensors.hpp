@@ -1,0 +1,46 @@
+// What a log tells of its own making, before any dynamics: samples that are wrong, and sensors that do not
+// say what is.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "firmware/model/effects.hpp"
+#include "tools/logs/measured_csv.hpp"
+
+namespace wheelwright::gap {
+
+// Something wrong with the log and not with the robot.
+struct LogFault {
+    std::string name;       // log_outliers or log_dropouts
+    double rate = 0;        // share of the samples
+    std::size_t count = 0;  // of samples
+    double first_s = 0;     // where the first one is
+};
+
+// Single speeds that no robot drives: put between their neighbours. Runs of samples that repeat the one
+// before: marked in `unusable`, one for each sample.
+std::vector<LogFault> repair(tools::MeasuredLog& log, std::vector<bool>& unusable);
+
+struct SensorEffect {
+    std::size_t effect = model::kEffectCount;
+    double value = 0, standard_error = 0;  // of its only parameter
+};
+
+struct Sensors {
+    std::vector<SensorEffect> effects;
+    // gyro = bias + slope (wheels' yaw rate) + bend v, behind the wheels by `lag_s`
+    struct Gyro {
+        double bias_rad_per_s = 0, bias_error = 0;
+        double slope = 1, slope_error = 0;
+        double bend_per_m = 0, bend_error = 0;
+        double lag_s = 0,
+               lag_error_s = 0;  // of the wheels' report behind the gyro's; standard error 0: not told
+    };
+    std::optional<Gyro> gyro;
+};
+
+Sensors look_at_sensors(const std::vector<tools::MeasuredLog>& logs, const model::Geometry<double>& geometry);
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,19 @@
+// Probabilities of the search's tests.
+#pragma once
+
+#include <Eigen/Core>
+#include <vector>
+
+namespace wheelwright::gap {
+
+// Student's t, two-sided.
+double t_probability(double t, double degrees);
+
+// One-sided Wilcoxon signed-rank probability that the values are not above zero, exact.
+double signed_rank_probability(std::vector<double> values);
+
+// Hotelling's test that all values are zero, with their covariance from so many blocks and degrees of
+// freedom.
+double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& covariance, double degrees);
+
+}  // namespace wheelwright::gap
