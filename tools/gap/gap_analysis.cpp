@@ -330,12 +330,23 @@ class Analysis {
     // They come from no search, but are as much a part of what was found.
     void name_sensors() {
         Search& s = findings_.search;
+        constexpr double kQuantile = 1.96;
+        if (sensors_.gyro && findings_.turning) {  // tells unequal radii better than any acceleration
+            const double track = request_.geometry.track_m;
+            for (NamedEffect& e : s.effects) {
+                if (e.effect != model::find_effect("wheel_radius_mismatch")) continue;
+                const double value = sensors_.gyro->bend_per_m * track;
+                const double error = std::hypot(sensors_.gyro->bend_error * track, 0.005 * value);
+                if (std::abs(value - e.parameters[0].value) > 4 * e.parameters[0].standard_error) continue;
+                e.parameters[0] = {
+                    value, error, {value - kQuantile * error, value + kQuantile * error}, true};
+            }
+        }
         for (const SensorEffect& e : sensors_.effects) {
             if (e.effect == model::find_effect("measurement_lag") && !given_.contains(e.effect)) continue;
             NamedEffect named;
             named.effect = e.effect;
             named.probability = 0;
-            constexpr double kQuantile = 1.96;
             named.parameters.push_back(
                 {e.value,
                  e.standard_error,

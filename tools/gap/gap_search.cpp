@@ -17,6 +17,7 @@ constexpr Eigen::Index kFirstAmount = 4;
 constexpr std::size_t kFolds = 5;
 constexpr double kApart = 4;         // standard errors of the difference between left and right
 constexpr double kCloser = 0.95;     // a grid's point must be better than a closer look by more than this
+constexpr double kNormal = 1.96;     // standard errors of a 95 % interval
 constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
 constexpr double kUnexcited = 1e-4;  // power of a coordinate's column over that of the effect's strongest
 
@@ -514,7 +515,7 @@ class Searcher {
             named.torque_share = effect_torque_share(members_, i, result_.after);
             named.probability = probability_[named.effect];
             named.parameters = parameters_in(i, result_.after);
-            allow_for_wheels(named);
+            widen(members_[i], named);
             const Members fewer = without(members_, i);
             const Fit bare = fit(all_, shape_of(fewer));
             named.closes = std::clamp(
@@ -526,21 +527,41 @@ class Searcher {
                   [](const NamedEffect& a, const NamedEffect& b) { return a.closes > b.closes; });
     }
 
-    // Gravity and lateral acceleration act on the mass, K7 tells of the mass with the wheels' rotation. What
-    // share that has is not in any log of speeds: solid wheels of a twelfth of the robot's mass, give or
-    // take.
-    static void allow_for_wheels(NamedEffect& named) {
-        constexpr double kShare = 0.92;
-        constexpr double kShareError = 0.04;
+    // What the spread between pieces does not show of a parameter's error.
+    static void widen(const Way& way, NamedEffect& named) {
+        // Two programs that integrate the same robot agree no better.
+        constexpr double kIntegration = 0.002;
+        // Gravity and the acceleration of what has an offset act on the mass, K7 tells of the mass with the
+        // wheels' rotation. What share that has is in no log of wheel speeds: solid wheels of a twelfth of
+        // the robot's mass, give or take.
+        constexpr double kBodysShare = 0.92;
+        constexpr double kBodysShareError = 0.04;
+        // Not moved by the amounts: known as far as the points are apart.
+        constexpr double kPointsApart = 0.1;
+        // Told by a product of the two.
+        constexpr double kProductOnly = 0.5;
         const std::string_view name = model::kEffects[named.effect].name;
-        if (name != "slope" && name != "cog_lateral") return;
-        ParameterEstimate& p = named.parameters.front();
-        const double reach = (p.interval_95[1] - p.interval_95[0]) / 2;
-        p.value /= kShare;
-        const double unsure = p.value * kShareError / kShare;
-        p.standard_error = std::hypot(p.standard_error / kShare, unsure);
-        const double half = std::hypot(reach / kShare, 1.96 * unsure);
-        p.interval_95 = {p.value - half, p.value + half};
+        for (std::size_t j = 0; j < named.parameters.size(); ++j) {
+            ParameterEstimate& p = named.parameters[j];
+            double unsure = kIntegration;
+            double scale = 1;
+            const bool with_mass =
+                (name == "slope" || name == "cog_lateral" || name == "wheel_radius_mismatch") && j == 0;
+            if (with_mass) {
+                scale = 1 / kBodysShare;
+                unsure = std::hypot(unsure, kBodysShareError / kBodysShare);
+            }
+            if (way.kind == Way::Kind::grid && p.standard_error == 0 && name != "torque_ripple") {
+                unsure = kPointsApart;
+            }
+            if (name == "backlash" || name == "wheel_slip") unsure = kProductOnly;
+            const double quantile =
+                p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormal;
+            p.value *= scale;
+            p.standard_error = std::hypot(scale * p.standard_error, unsure * p.value);
+            const double half = std::max(quantile, kNormal) * p.standard_error;
+            p.interval_95 = {p.value - half, p.value + half};
+        }
     }
 
     void find_rivals(const Members& fewer, const Way& mine, const Fit& bare, double with_all, double gain,
