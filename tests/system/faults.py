@@ -144,7 +144,8 @@ class Faults(Case):
         self.rig.until_status(lambda s: s["Time"] > up and s["State"] == "fault" and s["Fault"] == "bus_down",
                               "fault bus_down")
         self.assertEqual([torque for torques in self.rig.torques(up).values() for _, torque in torques if torque != 0], [])
-        self.assertEqual(self.rig.heartbeat("left")[2], 1)
+        self.rig.until(lambda: all(self.rig.heartbeat(side)[0] > up and self.rig.heartbeat(side)[2] == 1
+                                   for side in NODES), "both drives report idle")
         self.cleared()
 
     def test_sigterm_ramps_and_leaves_the_drives_idle(self):

@@ -16,7 +16,6 @@ import struct
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import tomllib
 import unittest
@@ -46,8 +45,6 @@ WIDENED = {
 REST = "900"  # us: the simulated robot looks at the bus no more often
 # What of it a drive shares with the firmware: so for the simulated one.
 PLANT = {key: {**CALM, **WIDENED}[key] for key in ("drive.encoder_period_ms", "drive.watchdog_timeout_s")}
-ATTEMPTS = 5
-STOOD_STILL_S = 0.3  # a run on a machine that stood still for so long in all says nothing about the firmware
 LONG = 20  # s: how long a condition is waited for that ought to hold within a second
 
 NEEDED = {"candump": "can-utils", "cansend": "can-utils", "canplayer": "can-utils", "ip": "iproute2",
@@ -556,37 +553,5 @@ def realtime(priority):
     return ["chrt", "-f", str(priority)] if may_be_realtime() else []
 
 
-class LostTime(threading.Thread):
-    """How long the machine stood still: a sleep of 5 ms that takes more than 50 ms counts."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.seconds = 0.0
-
-    def run(self):
-        while True:
-            before = time.monotonic()
-            time.sleep(0.005)
-            slept = time.monotonic() - before
-            if slept > 0.05:
-                self.seconds += slept
-
-
 def main():
-    """Runs the cases. Where some fail on a machine that stood still meanwhile, it is the machine that was judged: those
-    that failed are run again, at most ATTEMPTS times in all, and the last run decides. All of it is printed."""
-    lost = LostTime()
-    lost.start()
-    names = sys.argv[1:]
-    for attempt in range(1, ATTEMPTS + 1):
-        before = lost.seconds
-        result = unittest.main(argv=[sys.argv[0], "-v", *names], verbosity=2, exit=False).result
-        stood_s = lost.seconds - before
-        print(f"the machine stood still for {stood_s:.2f} s of the run")
-        if result.wasSuccessful() or stood_s < STOOD_STILL_S or attempt == ATTEMPTS:
-            sys.exit(0 if result.wasSuccessful() else 1)
-        failed = [test for test, _ in result.failures + result.errors]
-        if all(isinstance(test, unittest.TestCase) for test in failed):
-            names = sorted({test.id().removeprefix("__main__.") for test in failed})
-        # Else what precedes a class's cases failed, and all are run.
-        print(f"once more: {', '.join(names) or 'all'}", flush=True)
+    unittest.main(verbosity=2)

@@ -1,0 +1,114 @@
+// A clock for user-mode Linux that other programs' load cannot disturb. Preloaded into linux.uml, it stands
+// between that kernel and this machine's clock and timer:
+//
+// - While the kernel idles, its time jumps to its next timer: waiting costs nothing.
+// - While it works, its time passes at 1/kSlowness of this machine's: it seems to run on a quick machine.
+// - Its time never passes a timer whose signal it has not served, however late this machine delivers that: a
+//   spell in which this machine runs something else lasts, in there, until the next timer at most. While
+//   there is no timer, nothing holds its time; there always is one for longer than a moment, if only to keep
+//   books.
+//
+// Its processes therefore meet their deadlines on any machine; how long a run takes here is another matter.
+// What they share with this machine is files and pipes, not time.
+//
+// The calls replaced are those of linux.uml (package user-mode-linux 6.1), which has one thread and one
+// timer, on CLOCK_MONOTONIC. It reads the clock also in the handler of the timer's signal, which may
+// interrupt a reading of the clock, but never the setting of the timer: so reading changes nothing here.
+#include <dlfcn.h>
+
+#include <algorithm>
+#include <atomic>
+#include <csignal>
+#include <cstdint>
+#include <ctime>
+
+namespace {
+
+// A system call costs some 30 us in there, and a cycle of firmware and simulated robot makes two dozen: this
+// takes most of a millisecond, and so 50 us of the guest's, as on a robot's computer, with something left for
+// a busy machine. A program in there that computes instead of waiting takes this much longer than it thinks.
+constexpr std::int64_t kSlowness = 16;
+constexpr std::int64_t kSecond_ns = 1'000'000'000;
+
+using Clock = int (*)(clockid_t, timespec*);
+using SetTimer = int (*)(timer_t, int, const itimerspec*, itimerspec*);
+using Suspend = int (*)(const sigset_t*);
+
+template <class Function>
+Function original(const char* name) {
+    return reinterpret_cast<Function>(dlsym(RTLD_NEXT, name));
+}
+
+const auto kClock = original<Clock>("clock_gettime");
+const auto kSetTimer = original<SetTimer>("timer_settime");
+const auto kSuspend = original<Suspend>("sigsuspend");
+
+// The kernel's time was `base_ns` when this machine's was `base_machine_ns`; it goes on from there, and no
+// further than `expiry_ns`, which is its timer's until the kernel sets that anew (0: there is none). A timer
+// that repeats, as while the kernel boots, does not hold time.
+std::atomic<std::int64_t> base_ns{0};
+std::atomic<std::int64_t> base_machine_ns{0};
+std::atomic<std::int64_t> expiry_ns{0};
+std::atomic<std::int64_t> interval_ns{0};
+timer_t the_timer;
+
+std::int64_t ns(const timespec& time) { return time.tv_sec * kSecond_ns + time.tv_nsec; }
+timespec spec(std::int64_t time) { return {time / kSecond_ns, time % kSecond_ns}; }
+
+std::int64_t machine_ns() {
+    timespec now{};
+    kClock(CLOCK_MONOTONIC, &now);
+    return ns(now);
+}
+
+std::int64_t time_at(std::int64_t machine) {
+    const std::int64_t flown = base_ns + (machine - base_machine_ns) / kSlowness;
+    return expiry_ns > 0 && interval_ns == 0 ? std::min<std::int64_t>(flown, expiry_ns) : flown;
+}
+
+int arm(std::int64_t first_machine_ns) {
+    const itimerspec machine = {spec(interval_ns * kSlowness), spec(first_machine_ns)};
+    return kSetTimer(the_timer, 0, &machine, nullptr);
+}
+
+}  // namespace
+
+extern "C" {
+
+int clock_gettime(clockid_t clock, timespec* time) {
+    if (clock != CLOCK_MONOTONIC) return kClock(clock, time);
+    *time = spec(time_at(machine_ns()));
+    return 0;
+}
+
+int timer_settime(timer_t timer, int, const itimerspec* value, itimerspec*) {
+    const std::int64_t machine = machine_ns();
+    const std::int64_t now = time_at(machine);
+    const std::int64_t first = ns(value->it_value);
+    base_ns = now;
+    base_machine_ns = machine;
+    interval_ns = ns(value->it_interval);
+    expiry_ns = first > 0 ? now + first : 0;
+    the_timer = timer;
+    return arm(first * kSlowness);
+}
+
+// The kernel asks before it idles, and idles only when there is something to wait for; else it looks again.
+int timer_gettime(timer_t, itimerspec* value) {
+    const std::int64_t left = expiry_ns > 0 ? expiry_ns - time_at(machine_ns()) : 0;
+    *value = {spec(interval_ns), spec(interval_ns > 0 ? interval_ns.load() : left)};
+    return 0;
+}
+
+// How the kernel idles, until its timer's signal or another one comes. The signal is the timer's, set to go
+// off at once. Disarming the timer and sending the signal oneself would not do: newer kernels drop the signal
+// of a timer that has been disarmed, and with it another one of the same number.
+int sigsuspend(const sigset_t* mask) {
+    if (expiry_ns > 0) {
+        if (interval_ns == 0) base_ns = expiry_ns.load();
+        arm(1);
+    }
+    return kSuspend(mask);
+}
+
+}  // extern "C"
