@@ -10,6 +10,7 @@
 #include <string>
 #include <system_error>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "tools/cli/can_port.hpp"
@@ -28,6 +29,7 @@ struct Options {
     std::string plant = "ode";
     std::size_t sample = 30;
     bool campaign = false;
+    bool every_effect = false;
     std::uint64_t seed = 1;
     std::size_t jobs = 1;
     bool resume = false;
@@ -84,7 +86,10 @@ int show(const Options& options, const std::vector<Outcome>& outcomes, const Tri
 int run_command(const Options& options) {
     std::vector<hidden::ListedTrial> trials = hidden::all_trials(options.seed, {options.plant});
     TrialsRun run{"campaign", options.seed, 0};
-    if (!options.campaign) {
+    if (options.every_effect) {
+        trials = hidden::every_effect_of(std::move(trials), options.seed);
+        run.what = "every effect once, and a few of every other kind";
+    } else if (!options.campaign) {
         trials = hidden::sample_of(std::move(trials), options.sample, options.seed);
         run.what = "sample of " + std::to_string(trials.size());
     }
@@ -128,7 +133,10 @@ int run_command(const Options& options) {
             return kMachineLacks;
         }
         if (options.task >= 0) {
-            const Outcome outcome = run_trial(trials[static_cast<std::size_t>(options.task)], settings);
+            const hidden::ListedTrial& trial = trials[static_cast<std::size_t>(options.task)];
+            std::vector<Outcome> kept;
+            if (options.resume) kept = stored_outcomes({trial}, settings.out);
+            const Outcome outcome = kept.empty() ? run_trial(trial, settings) : std::move(kept.front());
             std::printf("%s %s\n", outcome.truth.id.c_str(), outcome.said.c_str());
             return outcome.finding.verdict == "no_answer" ? kAimMissed : kDone;
         }
@@ -174,7 +182,13 @@ void add_gap_trials(CLI::App& program, Run& run) {
     CLI::Option* sample = command->add_option("--sample", options->sample, "So many trials, drawn from all")
                               ->check(from_to("1", "100000"))
                               ->capture_default_str();
-    command->add_flag("--campaign", options->campaign, "All trials")->excludes(sample);
+    CLI::Option* campaign =
+        command->add_flag("--campaign", options->campaign, "All trials")->excludes(sample);
+    command
+        ->add_flag("--every-effect", options->every_effect,
+                   "Each effect once, medium or strong, and a few of every other kind")
+        ->excludes(sample)
+        ->excludes(campaign);
     command->add_option("--seed", options->seed, "Draws trials, robots, motions and noise")
         ->capture_default_str();
     command->add_option("--jobs", options->jobs, "Trials at a time; 0: as many as processors")

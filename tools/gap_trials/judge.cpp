@@ -350,6 +350,35 @@ std::pair<double, double> clopper_pearson(std::size_t hits, std::size_t n) {
     return {low, high};
 }
 
+namespace {
+
+std::string judgement_of(const Outcome& o) {
+    const std::string& verdict = o.finding.verdict;
+    if (verdict == "no_answer") return "no answer";
+    const bool nothing = o.truth.effects.empty() || o.truth.kind == "fault";
+    if (o.exact) return "exact";
+    if (nothing) {
+        const bool alarm = verdict == "named" || (o.truth.effects.empty() && verdict != "unusable_log");
+        return alarm ? "false alarm" : "not named";
+    }
+    if (o.confidently_wrong) return "wrong name";
+    if (o.extra) return "a name too many";
+    if (verdict != "named") return "not named";
+    return o.finding.effects.size() < o.truth.effects.size() ? "one of two" : "named its rival, and said so";
+}
+
+TrialLine line_of(const Outcome& o, const std::string& hidden) {
+    std::string conditions;
+    for (const Truth::Effect& effect : o.truth.effects) conditions.append(effect.size).append(", ");
+    conditions.append(o.truth.noise).append(" noise, ").append(std::to_string(std::lround(o.truth.rate_Hz)));
+    conditions.append(o.truth.gyro ? " Hz, gyro, " : " Hz, ").append(o.truth.motions);
+    return {o.truth.id, o.truth.kind,
+            hidden,     std::move(conditions),
+            o.said,     judgement_of(o) + (o.truth.identifiable ? "" : ", not identifiable")};
+}
+
+}  // namespace
+
 Summary summarise(const std::vector<Outcome>& outcomes) {
     Summary sum;
     struct Count {
@@ -375,6 +404,8 @@ Summary summarise(const std::vector<Outcome>& outcomes) {
         sum.unanswered += o.finding.verdict == "no_answer" ? 1 : 0;
         const std::string hidden = t.effects.empty() ? "nothing" : joined(names_of(t.effects));
         ++confusions[{hidden, o.said}];
+        sum.trials.push_back(line_of(o, hidden));
+        sum.wrong_names += o.confidently_wrong ? 1 : 0;
         if (t.kind == "single") {
             const Truth::Effect& effect = t.effects.front();
             TrialCell& cell = cells[{effect.name, effect.size, t.noise}];

@@ -122,6 +122,14 @@ struct Confusion {
     std::size_t count = 0;
 };
 
+// One trial in a table of all.
+struct TrialLine {
+    std::string id, kind, hidden, conditions, said;
+    // "exact", "not named", "one of two", "named its rival, and said so", "a name too many", "wrong name",
+    // "false alarm", "no answer"; with "not identifiable" where the oracle says so
+    std::string judgement;
+};
+
 struct Excluded {
     std::string effect;
     std::size_t count = 0;
@@ -138,6 +146,8 @@ struct Summary {
     double seconds = 0;       // mean of an analysis
     double memory_bytes = 0;  // most of one
     std::size_t unanswered = 0;
+    std::size_t wrong_names = 0;  // confidently wrong, of all trials
+    std::vector<TrialLine> trials;
 };
 
 Summary summarise(const std::vector<Outcome>& outcomes);

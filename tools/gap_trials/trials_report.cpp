@@ -13,6 +13,7 @@ namespace {
 
 constexpr double kMostExcluded = 0.15;
 constexpr std::size_t kWorstCells = 12;
+constexpr std::size_t kMostTrialsShown = 60;
 
 std::string of(std::size_t hits, std::size_t n) {
     return n == 0 ? std::string("-") : std::to_string(hits) + "/" + std::to_string(n);
@@ -92,6 +93,7 @@ Report trials_report(const Summary& summary, const TrialsRun& run) {
         report.add("kind_" + kind, "  " + kind, static_cast<std::int64_t>(count));
     }
     report.add("unanswered", "without an answer", static_cast<std::int64_t>(summary.unanswered));
+    report.add("wrong_names", "confident wrong names", static_cast<std::int64_t>(summary.wrong_names));
     report.add("seconds", "processor time of an analysis, mean", summary.seconds, "s");
     report.add("memory_MiB", "memory of an analysis, most", summary.memory_bytes / (1024 * 1024), "MiB");
 
@@ -143,6 +145,19 @@ Report trials_report(const Summary& summary, const TrialsRun& run) {
         return a.hidden != b.hidden ? a.hidden < b.hidden : a.count > b.count;
     });
     for (const Confusion& c : confusions) report.row({c.hidden, c.said, static_cast<std::int64_t>(c.count)});
+
+    if (summary.trials.size() <= kMostTrialsShown) {
+        report.section("trials", "Trial by trial");
+        report.table("trials", {{"kind", "kind"},
+                                {"hidden", "hidden"},
+                                {"said", "said"},
+                                {"judgement", "judgement"},
+                                {"id", "trial"},
+                                {"conditions", "size, noise, rate, motions"}});
+        for (const TrialLine& trial : summary.trials) {
+            report.row({trial.kind, trial.hidden, trial.said, trial.judgement, trial.id, trial.conditions});
+        }
+    }
     return report;
 }
 

@@ -88,6 +88,8 @@ class Trials(unittest.TestCase):
         status, out, _ = self.run_trials("--sample", 6, "--seed", 3, "--task", 0)
         self.assertEqual(status, 0)
         self.assertIn(out.split()[0], names)
+        status, again, _ = self.run_trials("--sample", 6, "--seed", 3, "--task", 0, "--resume", answer="silent")
+        self.assertEqual((status, again), (0, out))
         status, out, _ = self.run_trials("--sample", 6, "--seed", 3, "--merge")
         self.assertEqual(status, 3)
         self.assertRegex(out, r"done +6\n")
@@ -113,6 +115,7 @@ class Trials(unittest.TestCase):
         self.assertEqual(status("--out", self.out, "--sample", 0), 1)
         self.assertEqual(status("--out", self.out, "--sample", 3, "--campaign"), 1)
         self.assertEqual(status("--out", self.out, "--sample", 3, "--task", 3), 1)
+        self.assertEqual(status("--out", self.out, "--every-effect", "--campaign"), 1)
         self.assertEqual(status("--out", self.out, "--merge"), 2)
         self.assertEqual(status("--out", self.out, "--analyser", "/nowhere"), 4)
         self.assertEqual(status("--out", self.out, "--analyser", "/bin/false"), 4)
@@ -125,6 +128,9 @@ class Trials(unittest.TestCase):
                               check=True)
         # 24 effects x 3 sizes x 3 noises x 5; 16 pairs x 10; 300 with nothing; 2 faults x 3 x 3 x 5; 12 blind x 10
         self.assertEqual(int(done.stdout), 24 * 45 + 160 + 300 + 90 + 120)
+        done = subprocess.run([PROGRAM, "gap-trials", "--every-effect", "--list"], capture_output=True, text=True, timeout=60,
+                              check=True)
+        self.assertEqual(int(done.stdout), 24 + 4 + 4 + 2 + 4)  # single, pairs, nothing, faults, blind
 
 
 if __name__ == "__main__":

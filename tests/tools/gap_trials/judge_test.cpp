@@ -104,6 +104,28 @@ TEST(TrialsJudge, PairsAreExactOrContained) {
     CHECK(judged(pair_label(), named(both + R"(, {"name": "dead_zone"})")).contains);
 }
 
+TEST(TrialsJudge, EveryTrialHasALine) {
+    const std::string unexplained = R"({"verdict": "unexplained", "effects": []})";
+    const Summary summary = summarise(
+        {judged(label("coulomb_friction"), named(kCoulomb)),
+         judged(label("viscous_friction"), named(kCoulomb)), judged(label("dead_zone"), named(kCoulomb)),
+         judged(label("coulomb_friction"), named(kCoulomb + R"(, {"name": "slope"})")),
+         judged(pair_label(), named(R"({"name": "slope"})")),
+         judged(label("slope", "mild", "single", false), unexplained), judged(kNothing, unexplained),
+         judged(kNothing, R"({"verdict": "nothing_missing", "effects": []})"),
+         judged(label("log_dropouts", "mild", "fault"), unexplained),
+         judged(label("log_dropouts", "mild", "fault"), named(kCoulomb)), judged(kNothing, "")});
+    const std::vector<std::string> wanted{"exact",           "wrong name", "named its rival, and said so",
+                                          "a name too many", "one of two", "not named, not identifiable",
+                                          "false alarm",     "exact",      "not named",
+                                          "false alarm",     "no answer"};
+    LONGS_EQUAL(wanted.size(), summary.trials.size());
+    for (std::size_t i = 0; i < wanted.size(); ++i)
+        STRCMP_EQUAL(wanted[i].c_str(), summary.trials[i].judgement.c_str());
+    LONGS_EQUAL(2, summary.wrong_names);
+    STRCMP_EQUAL("strong, low noise, 500 Hz, gyro, prbs+spin", summary.trials[0].conditions.c_str());
+}
+
 TEST(TrialsJudge, WhatIsNoAnswerIsToldAsSuch) {
     for (const char* text : {"", "[]", "{", R"({"verdict": "maybe"})", R"({"verdict": 3})", "null"}) {
         const Finding finding = read_gap_json(text);

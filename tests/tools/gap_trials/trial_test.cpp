@@ -3,12 +3,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
 #include <thread>
 
 #include "tools/gap_trials/hidden/ode_plant.hpp"
+#include "tools/gap_trials/hidden/plan.hpp"
 #include "tools/logs/measured_csv.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -146,6 +148,28 @@ TEST(HiddenTrial, FaultsDamageOnlyTheFile) {
     whole.sizes.clear();
     const Trial undamaged = generated(whole);
     DOUBLES_EQUAL(undamaged.samples.back().truth.x_m, trial.samples.back().truth.x_m, 0);
+}
+
+TEST(HiddenTrial, TheSmallSampleMissesNoEffect) {
+    std::set<std::string> ids;
+    for (const std::uint64_t seed : {1, 2, 3}) {
+        std::map<std::string, int> single;
+        std::set<std::vector<std::string>> pairs;
+        for (const ListedTrial& trial : every_effect_of(all_trials(seed, {"ode"}), seed)) {
+            const TrialPlan& p = trial.plan;
+            if (p.kind == Kind::single) {
+                ++single[p.effects.at(0)];
+                CHECK(p.noise == 1 && p.sizes.at(0) != Size::mild);
+            }
+            if (p.kind == Kind::pair) pairs.insert(p.effects);
+            ids.insert(p.id);
+        }
+        for (const EffectInfo& info : all_effects()) {
+            LONGS_EQUAL_TEXT(info.fault_of_log ? 0 : 1, single[std::string(info.name)], info.name.data());
+        }
+        LONGS_EQUAL(4, pairs.size());
+    }
+    LONGS_EQUAL(3 * 38, ids.size());
 }
 
 TEST(HiddenTrial, AnImpossibleSizeIsSaid) {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <map>
 
 namespace wheelwright::hidden {
 namespace {
@@ -118,6 +119,47 @@ std::vector<ListedTrial> sample_of(std::vector<ListedTrial> trials, std::size_t 
     for (std::size_t i = 0; i < count; ++i) {
         const double at = (static_cast<double>(i) + random.uniform()) * tooth;
         sample.push_back(std::move(trials[std::min(trials.size() - 1, static_cast<std::size_t>(at))]));
+    }
+    return sample;
+}
+
+std::vector<ListedTrial> every_effect_of(std::vector<ListedTrial> trials, std::uint64_t seed) {
+    constexpr std::size_t kOfEachOtherKind = 4;
+    constexpr std::size_t kMiddleNoise = 1;
+    // Trials of which one is drawn, by kind.
+    std::map<Kind, std::map<std::vector<std::string>, std::vector<ListedTrial>>> groups;
+    std::vector<ListedTrial> nothing;
+    for (ListedTrial& trial : trials) {
+        const TrialPlan& plan = trial.plan;
+        const bool one_effect = plan.kind == Kind::single || plan.kind == Kind::fault;
+        if (one_effect && (plan.noise != kMiddleNoise || plan.sizes.front() == Size::mild)) continue;
+        if (plan.kind == Kind::nothing) {
+            nothing.push_back(std::move(trial));
+        } else {
+            groups[plan.kind][plan.effects].push_back(std::move(trial));
+        }
+    }
+    Random random(seed, 7'777'778);
+    const auto take_one = [&](auto& list) {
+        const auto at = list.begin() + static_cast<std::ptrdiff_t>(random.below(list.size()));
+        auto taken = std::move(*at);
+        list.erase(at);
+        return taken;
+    };
+    std::vector<ListedTrial> sample;
+    for (const Kind kind : {Kind::single, Kind::pair, Kind::nothing, Kind::fault, Kind::blind}) {
+        if (kind == Kind::nothing) {
+            for (std::size_t i = 0; i < kOfEachOtherKind; ++i) sample.push_back(take_one(nothing));
+            continue;
+        }
+        std::vector<std::vector<ListedTrial>> left;
+        for (auto& [effects, group] : groups[kind]) left.push_back(std::move(group));
+        const bool all = kind == Kind::single || kind == Kind::fault;
+        const std::size_t count = all ? left.size() : kOfEachOtherKind;
+        for (std::size_t i = 0; i < count; ++i) {
+            std::vector<ListedTrial> group = take_one(left);
+            sample.push_back(take_one(group));
+        }
     }
     return sample;
 }

@@ -27,6 +27,11 @@ std::vector<ListedTrial> all_trials(std::uint64_t seed, const std::vector<std::s
 // whole.
 std::vector<ListedTrial> sample_of(std::vector<ListedTrial> trials, std::size_t count, std::uint64_t seed);
 
+// A small sample in which no effect is missing: each one once, medium or strong at middle noise; 4 different
+// pairs, 4 times nothing hidden, both faults of logs, 4 different effects under motions that hardly show
+// them. Which ones, the seed draws. `trials` is what all_trials gives for one plant.
+std::vector<ListedTrial> every_effect_of(std::vector<ListedTrial> trials, std::uint64_t seed);
+
 // The pairs that are tried.
 std::span<const std::pair<std::string_view, std::string_view>> tried_pairs();
 
