@@ -107,7 +107,16 @@ install_packages() {
     fi
 }
 
+# No service of a package is started while it is installed: whoever wants to build or test wants no new daemon.
+# Debian asks policy-rc.d; one that is there stays and decides.
 apt_install() {
-    as_root env DEBIAN_FRONTEND=noninteractive "${APT_INSTALL[@]}" -q -o DPkg::Lock::Timeout=120 \
+    as_root bash -c '
+        policy=/usr/sbin/policy-rc.d
+        if [ ! -e "$policy" ]; then
+            trap "rm -f $policy" EXIT
+            printf "#!/bin/sh\nexit 101\n" >"$policy"
+            chmod 755 "$policy"
+        fi
+        "$@"' apt_install env DEBIAN_FRONTEND=noninteractive "${APT_INSTALL[@]}" -q -o DPkg::Lock::Timeout=120 \
         -o Dpkg::Use-Pty=0 "$@"
 }
