@@ -16,6 +16,7 @@
 #include <exception>
 #include <fstream>
 #include <iterator>
+#include <map>
 #include <mutex>
 #include <optional>
 #include <stdexcept>
@@ -24,6 +25,7 @@
 #include "firmware/task/write_file.hpp"
 #include "tools/gap_trials/hidden/ode_plant.hpp"
 #include "tools/gap_trials/hidden/oracle.hpp"
+#include "tools/gap_trials/own_plant.hpp"
 
 extern char** environ;
 
@@ -113,20 +115,23 @@ Ended run_program(const std::vector<std::string>& words, const fs::path& output,
     return ended;
 }
 
-Finding analyse(const hidden::Trial& trial, const fs::path& log, const CampaignOptions& options) {
-    const fs::path out = options.out / "analyses" / trial.plan.id;
+// `words`: the command, without the log and what is told of the robot.
+Finding analyse(const hidden::Trial& trial, const fs::path& log, std::vector<std::string> words,
+                const fs::path& out, double time_limit_s) {
     fs::remove_all(out);  // what an interrupted run left
     fs::create_directories(out);
-    const Ended ended = run_program(
-        {options.analyser, "gap", log.string(), "--wheel-radius", number(trial.robot.wheel_radius_m),
-         "--track", number(trial.robot.track_m), "--out", out.string()},
-        out / "output.txt", options.time_limit_s);
+    for (const std::string& word :
+         {log.string(), std::string("--wheel-radius"), number(trial.robot.wheel_radius_m),
+          std::string("--track"), number(trial.robot.track_m), std::string("--out"), out.string()}) {
+        words.push_back(word);
+    }
+    const Ended ended = run_program(words, out / "output.txt", time_limit_s);
     Finding finding;
     finding.verdict = "no_answer";
     if (!ended.problem.empty()) {
         finding.problem = ended.problem;
     } else if (ended.too_long) {
-        finding.problem = "took longer than " + number(options.time_limit_s) + " s";
+        finding.problem = "took longer than " + number(time_limit_s) + " s";
     } else if (const auto json = contents(out / "gap.json")) {
         finding = read_gap_json(*json);
     } else if (WIFSIGNALED(ended.status)) {
@@ -155,8 +160,10 @@ std::optional<Outcome> stored(const fs::path& out, const hidden::ListedTrial& tr
 
 }  // namespace
 
-bool can_analyse(const std::string& analyser) {
-    const Ended ended = run_program({analyser, "gap", "--help"}, "/dev/null", 60);
+bool can_analyse(const std::string& analyser) { return ends_well({analyser, "gap", "--help"}); }
+
+bool ends_well(const std::vector<std::string>& words) {
+    const Ended ended = run_program(words, "/dev/null", 60);
     return ended.problem.empty() && !ended.too_long && WIFEXITED(ended.status) &&
            WEXITSTATUS(ended.status) == 0;
 }
@@ -164,7 +171,8 @@ bool can_analyse(const std::string& analyser) {
 Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& options) {
     for (const char* folder : {"logs", "labels", "results", "analyses"})
         fs::create_directories(options.out / folder);
-    const hidden::Trial trial = hidden::generate(listed.plan, listed.plant, hidden::make_ode_plant);
+    const hidden::Trial trial = hidden::generate(
+        listed.plan, listed.plant, listed.plant == "own" ? make_own_plant : hidden::make_ode_plant);
     const hidden::OracleVerdict oracle = hidden::ask_oracle(trial);
     const std::string label = hidden::label_text(trial, oracle);
     const fs::path log = options.out / "logs" / (listed.plan.id + ".csv");
@@ -173,10 +181,20 @@ Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& opti
     fs::remove(sealed);
     fs::remove(result_of(options.out, listed));
     write_log(log, hidden::csv_text(trial));
-    const Finding finding = analyse(trial, log, options);
+    const fs::path analyses = options.out / "analyses";
+    const Finding finding =
+        analyse(trial, log, {options.analyser, "gap"}, analyses / trial.plan.id, options.time_limit_s);
+    std::map<std::string, Finding> beside;
+    for (std::size_t i = 0; i < options.beside.size(); ++i) {
+        const Comparison& other = options.beside[i];
+        beside[other.name] =
+            analyse(trial, log, other.command,
+                    analyses / (trial.plan.id + ".beside-" + std::to_string(i + 1)), options.time_limit_s);
+    }
     write(sealed, label);
     if (!options.keep_logs) fs::remove(log);
-    const Outcome outcome = judge(read_label(label), finding);
+    Outcome outcome = judge(read_label(label), finding);
+    outcome.beside = std::move(beside);
     write(result_of(options.out, listed), outcome_json(outcome));
     return outcome;
 }

@@ -17,6 +17,12 @@
 
 namespace wheelwright::tools {
 
+// Another analysis of the same logs, for comparison.
+struct Comparison {
+    std::string name;                  // as in the judge's tables
+    std::vector<std::string> command;  // called with `LOG --wheel-radius R --track B --out D` behind it
+};
+
 struct CampaignOptions {
     std::filesystem::path out;
     std::string analyser;  // program; called as `analyser gap LOG --wheel-radius R --track B --out D`
@@ -24,6 +30,7 @@ struct CampaignOptions {
     double time_limit_s = 600;  // of one analysis
     bool resume = false;
     bool keep_logs = false;
+    std::vector<Comparison> beside;
 };
 
 struct Progress {
@@ -35,6 +42,8 @@ struct Progress {
 
 // Whether `analyser gap --help` ends well.
 bool can_analyse(const std::string& analyser);
+// Whether a program with these words does, within a minute.
+bool ends_well(const std::vector<std::string>& words);
 
 // One trial from drawing to outcome. Throws std::runtime_error when the trial cannot be made or a file cannot
 // be written; whatever the analyser does is an outcome.

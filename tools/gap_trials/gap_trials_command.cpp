@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
+#include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -13,10 +14,13 @@
 #include <utility>
 #include <vector>
 
+#include "firmware/task/write_file.hpp"
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/geometry_options.hpp"
 #include "tools/cli/number_checks.hpp"
 #include "tools/gap_trials/campaign.hpp"
+#include "tools/gap_trials/stepwise_baseline.hpp"
 #include "tools/gap_trials/trials_report.hpp"
 
 namespace wheelwright::tools {
@@ -41,6 +45,10 @@ struct Options {
     double time_limit_s = 600;
     double duration_s = 0;
     std::string json;
+    std::string stepwise_log;
+    GeometryOptions geometry;
+    bool no_stepwise = false;
+    std::string pysindy;
 };
 
 // A line that is drawn again on a terminal, and now and then one elsewhere.
@@ -75,16 +83,44 @@ class ProgressLine {
 
 int show(const Options& options, const std::vector<Outcome>& outcomes, const TrialsRun& run) {
     const Summary summary = summarise(outcomes);
-    const bool published = trials_report(summary, run).publish(options.json);
+    PlantSummaries by_plant;
+    if (options.plant == "both") {
+        std::map<std::string, std::vector<Outcome>> parts;
+        for (const Outcome& outcome : outcomes) parts[outcome.truth.plant].push_back(outcome);
+        for (const auto& [plant, part] : parts) by_plant[plant] = summarise(part);
+    }
+    const bool published = trials_report(summary, run, by_plant).publish(options.json);
     const std::string page = (fs::path(options.out) / "report.html").string();
     write_trials_page(summary, run, page);
     std::printf("\npage: %s\n", page.c_str());
     if (!published) return kMachineLacks;
-    return all_accepted(summary) && outcomes.size() == run.listed ? kDone : kAimMissed;
+    const bool accepted =
+        all_accepted(summary) && std::all_of(by_plant.begin(), by_plant.end(),
+                                             [](const auto& one) { return all_accepted(one.second); });
+    return accepted && outcomes.size() == run.listed ? kDone : kAimMissed;
+}
+
+// What --stepwise-bic asks for: the answer of the plain regression to one log.
+int run_stepwise(const Options& options) {
+    model::Geometry<double> geometry;
+    if (options.out.empty() || !options.geometry.apply(geometry, false)) {
+        std::fputs("wheelwright gap-trials: --stepwise-bic takes --wheel-radius, --track and --out\n",
+                   stderr);
+        return kUsage;
+    }
+    const std::string answer = stepwise_baseline_json(options.stepwise_log, geometry);
+    fs::create_directories(options.out);
+    const std::string failed = task::write_whole_file((fs::path(options.out) / "gap.json").string(), answer);
+    if (failed.empty()) return kDone;
+    std::fprintf(stderr, "wheelwright gap-trials: %s\n", failed.c_str());
+    return kMachineLacks;
 }
 
 int run_command(const Options& options) {
-    std::vector<hidden::ListedTrial> trials = hidden::all_trials(options.seed, {options.plant});
+    if (!options.stepwise_log.empty()) return run_stepwise(options);
+    std::vector<hidden::ListedTrial> trials =
+        hidden::all_trials(options.seed, options.plant == "both" ? std::vector<std::string>{"ode", "own"}
+                                                                 : std::vector<std::string>{options.plant});
     TrialsRun run{"campaign", options.seed, 0};
     if (options.every_effect) {
         trials = hidden::every_effect_of(std::move(trials), options.seed);
@@ -113,6 +149,13 @@ int run_command(const Options& options) {
     settings.out = fs::absolute(options.out);
     settings.analyser =
         options.analyser.empty() ? fs::read_symlink("/proc/self/exe").string() : options.analyser;
+    const std::string self = fs::read_symlink("/proc/self/exe").string();
+    if (!options.no_stepwise)
+        settings.beside.push_back({std::string(kStepwise), {self, "gap-trials", "--stepwise-bic"}});
+    if (!options.pysindy.empty()) {
+        settings.beside.push_back(
+            {std::string(kPysindy), {WHEELWRIGHT_PYTHON, WHEELWRIGHT_PYSINDY_WEAK, options.pysindy, "gap"}});
+    }
     settings.jobs = options.jobs;
     settings.time_limit_s = options.time_limit_s;
     settings.resume = options.resume;
@@ -130,6 +173,14 @@ int run_command(const Options& options) {
         if (!can_analyse(settings.analyser)) {
             std::fprintf(stderr, "wheelwright gap-trials: `%s gap --help` fails, so it cannot analyse\n",
                          settings.analyser.c_str());
+            return kMachineLacks;
+        }
+        if (!options.pysindy.empty() && !ends_well(settings.beside.back().command)) {
+            std::fprintf(stderr,
+                         "wheelwright gap-trials: --pysindy %s: cannot be imported\n"
+                         "It needs python3-numpy, python3-scipy, python3-sklearn. Try: %s %s %s gap\n",
+                         options.pysindy.c_str(), WHEELWRIGHT_PYTHON, WHEELWRIGHT_PYSINDY_WEAK,
+                         options.pysindy.c_str());
             return kMachineLacks;
         }
         if (options.task >= 0) {
@@ -176,8 +227,10 @@ void add_gap_trials(CLI::App& program, Run& run) {
         "same trials. On several machines: --task I for each I below what --list prints, then --merge.\n"
         "Exit status 3: a measure is below its accept level, or an analysis gave no answer.");
     command->add_option("--out", options->out, "Folder for logs, labels, results and report.html");
-    command->add_option("--plant", options->plant, "Which robots: ode, on the Open Dynamics Engine")
-        ->check(CLI::IsMember({"ode"}))
+    command
+        ->add_option("--plant", options->plant,
+                     "Which robots: ode, on the Open Dynamics Engine, own, our simulated robot, or both")
+        ->check(CLI::IsMember({"ode", "own", "both"}))
         ->capture_default_str();
     CLI::Option* sample = command->add_option("--sample", options->sample, "So many trials, drawn from all")
                               ->check(from_to("1", "100000"))
@@ -209,6 +262,14 @@ void add_gap_trials(CLI::App& program, Run& run) {
                      "Length of the logs, seconds; without: 30, 45 or 60, drawn")
         ->check(from_to("2", "3600"));
     command->add_flag("--keep-logs", options->keep_logs, "Keep the logs after their analysis");
+    command->add_flag("--no-stepwise", options->no_stepwise, "Leave the stepwise regression out");
+    command
+        ->add_option("--pysindy", options->pysindy,
+                     "Source tree of PySINDy, whose weak form is given the same logs")
+        ->check(CLI::ExistingDirectory);
+    command->add_option("--stepwise-bic", options->stepwise_log,
+                        "Only answer this log by stepwise regression, into gap.json in --out");
+    options->geometry.add_to(*command);
     command->add_option("--json", options->json, "Write the figures to this file");
     command->callback([options, &run] {
         if (options->jobs == 0) options->jobs = std::max(1U, std::thread::hardware_concurrency());

@@ -215,8 +215,48 @@ Finding read_gap_json(std::string_view json) {
         heldout.contains("wheel_speed_rms_rad_s") ? heldout["wheel_speed_rms_rad_s"] : heldout;
     finding.heldout_before_rad_per_s = number(speeds, "before");
     finding.heldout_after_rad_per_s = number(speeds, "after");
+    for (const Json& name : member(root, "expressible")) {
+        if (name.is_string()) finding.expressible.push_back(name.get<std::string>());
+    }
     return finding;
 }
+
+namespace {
+
+Json finding_json(const Finding& f) {
+    Json finding{{"verdict", f.verdict},
+                 {"seconds", f.seconds},
+                 {"memory_bytes", f.memory_bytes},
+                 {"problem", f.problem}};
+    if (f.closable_share) finding["closable_share"] = *f.closable_share;
+    if (f.heldout_before_rad_per_s) finding["before"] = *f.heldout_before_rad_per_s;
+    if (f.heldout_after_rad_per_s) finding["after"] = *f.heldout_after_rad_per_s;
+    finding["effects"] = Json::array();
+    for (const Finding::Effect& effect : f.effects) {
+        Json parameters = Json::array();
+        for (const Finding::Parameter& p : effect.parameters) {
+            Json entry{{"name", p.name}, {"value", p.value}};
+            if (p.interval) entry["interval_95"] = {p.interval->first, p.interval->second};
+            parameters.push_back(std::move(entry));
+        }
+        finding["effects"].push_back(
+            {{"name", effect.name}, {"parameters", parameters}, {"rivals", effect.rivals}});
+    }
+    if (!f.expressible.empty()) finding["expressible"] = f.expressible;
+    return finding;
+}
+
+Finding finding_from(const Json& f) {
+    Finding finding = read_gap_json(f.dump());
+    finding.seconds = number(f, "seconds").value_or(0);
+    finding.memory_bytes = number(f, "memory_bytes").value_or(0);
+    finding.heldout_before_rad_per_s = number(f, "before");
+    finding.heldout_after_rad_per_s = number(f, "after");
+    if (finding.verdict == "no_answer") finding.problem = text(f, "problem");
+    return finding;
+}
+
+}  // namespace
 
 Outcome judge(const Truth& truth, const Finding& finding) {
     Outcome out;
@@ -295,26 +335,9 @@ std::string outcome_json(const Outcome& o) {
                                     {"parameters", effect.parameters},
                                     {"linear", linear}});
     }
-    Json finding{{"verdict", o.finding.verdict},
-                 {"seconds", o.finding.seconds},
-                 {"memory_bytes", o.finding.memory_bytes},
-                 {"problem", o.finding.problem}};
-    if (o.finding.closable_share) finding["closable_share"] = *o.finding.closable_share;
-    if (o.finding.heldout_before_rad_per_s) finding["before"] = *o.finding.heldout_before_rad_per_s;
-    if (o.finding.heldout_after_rad_per_s) finding["after"] = *o.finding.heldout_after_rad_per_s;
-    finding["effects"] = Json::array();
-    for (const Finding::Effect& effect : o.finding.effects) {
-        Json parameters = Json::array();
-        for (const Finding::Parameter& p : effect.parameters) {
-            Json entry{{"name", p.name}, {"value", p.value}};
-            if (p.interval) entry["interval_95"] = {p.interval->first, p.interval->second};
-            parameters.push_back(std::move(entry));
-        }
-        finding["effects"].push_back(
-            {{"name", effect.name}, {"parameters", parameters}, {"rivals", effect.rivals}});
-    }
-    return Json{{"truth", truth}, {"finding", finding}}.dump(1, ' ', false, Json::error_handler_t::replace) +
-           "\n";
+    Json outcome{{"truth", truth}, {"finding", finding_json(o.finding)}};
+    for (const auto& [name, finding] : o.beside) outcome["beside"][name] = finding_json(finding);
+    return outcome.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
 Outcome outcome_from_json(std::string_view json) {
@@ -332,13 +355,10 @@ Outcome outcome_from_json(std::string_view json) {
     truth.motions = text(t, "motions");
     truth.identifiable = t.value("identifiable", true);
     truth.confused_with = text(t, "nearest_rival");
-    Finding finding = read_gap_json(f.dump());
-    finding.seconds = number(f, "seconds").value_or(0);
-    finding.memory_bytes = number(f, "memory_bytes").value_or(0);
-    finding.heldout_before_rad_per_s = number(f, "before");
-    finding.heldout_after_rad_per_s = number(f, "after");
-    if (finding.verdict == "no_answer") finding.problem = text(f, "problem");
-    return judge(truth, finding);
+    Outcome outcome = judge(truth, finding_from(f));
+    for (const auto& [name, finding] : member(root, "beside").items())
+        outcome.beside[name] = finding_from(finding);
+    return outcome;
 }
 
 std::pair<double, double> clopper_pearson(std::size_t hits, std::size_t n) {
@@ -372,25 +392,60 @@ TrialLine line_of(const Outcome& o, const std::string& hidden) {
     for (const Truth::Effect& effect : o.truth.effects) conditions.append(effect.size).append(", ");
     conditions.append(o.truth.noise).append(" noise, ").append(std::to_string(std::lround(o.truth.rate_Hz)));
     conditions.append(o.truth.gyro ? " Hz, gyro, " : " Hz, ").append(o.truth.motions);
-    return {o.truth.id, o.truth.kind,
-            hidden,     std::move(conditions),
-            o.said,     judgement_of(o) + (o.truth.identifiable ? "" : ", not identifiable")};
+    return {o.truth.id,
+            o.truth.plant,
+            o.truth.kind,
+            hidden,
+            std::move(conditions),
+            o.said,
+            judgement_of(o) + (o.truth.identifiable ? "" : ", not identifiable")};
+}
+
+void count(MethodRow& row, const Outcome& o, const std::set<std::string>& expressible) {
+    const Truth& t = o.truth;
+    row.measured = true;
+    if (t.identifiable && t.kind == "single") {
+        const Truth::Effect& effect = t.effects.front();
+        (effect.size == "mild" ? row.mild : row.single).add(o.exact);
+        if (effect.size != "mild" && expressible.contains(effect.name)) row.expressible.add(o.exact);
+    }
+    if (t.identifiable && t.kind == "pair") row.pairs.add(o.exact);
+    if (t.kind == "nothing")
+        row.alarms.add(o.finding.verdict == "named" || o.finding.verdict == "cannot_tell" ||
+                       o.finding.verdict == "unexplained");
+    row.wrong.add(o.confidently_wrong);
+    row.seconds += o.finding.seconds;
+}
+
+// Each on the trials that it was given.
+std::vector<MethodRow> methods_of(const std::vector<Outcome>& outcomes) {
+    std::set<std::string> expressible;
+    for (const Outcome& o : outcomes) {
+        const auto found = o.beside.find(std::string(kPysindy));
+        if (found != o.beside.end())
+            expressible.insert(found->second.expressible.begin(), found->second.expressible.end());
+    }
+    std::vector<MethodRow> rows;
+    rows.emplace_back().name = "wheelwright gap";
+    for (const Outcome& o : outcomes) count(rows.front(), o, expressible);
+    for (const std::string_view name : {kStepwise, kPysindy}) {
+        MethodRow& row = rows.emplace_back();
+        row.name = name;
+        for (const Outcome& o : outcomes) {
+            const auto found = o.beside.find(row.name);
+            if (found != o.beside.end()) count(row, judge(o.truth, found->second), expressible);
+        }
+    }
+    for (MethodRow& row : rows) row.seconds /= static_cast<double>(std::max<std::size_t>(1, row.wrong.n));
+    return rows;
 }
 
 }  // namespace
 
 Summary summarise(const std::vector<Outcome>& outcomes) {
     Summary sum;
-    struct Count {
-        std::size_t hits = 0;
-        std::size_t n = 0;
-        void add(bool hit) {
-            hits += hit ? 1 : 0;
-            ++n;
-        }
-    };
-    Count strong, mild, pairs_exact, pairs_contained, alarms, named_alarms, extra, blind, covered, faults;
-    std::map<std::string, Count> by_effect;
+    Share strong, mild, pairs_exact, pairs_contained, alarms, named_alarms, extra, blind, covered, faults;
+    std::map<std::string, Share> by_effect;
     std::map<std::array<std::string, 3>, TrialCell> cells;
     std::map<std::pair<std::string, std::string>, std::size_t> confusions;
     std::map<std::string, Excluded> excluded;
@@ -514,6 +569,7 @@ Summary summarise(const std::vector<Outcome>& outcomes) {
     Measure fault = share("log faults", "names given to damaged logs", faults.hits, faults.n, 5, 1, true);
     m.push_back(std::move(fault));
 
+    sum.methods = methods_of(outcomes);
     for (auto& [key, cell] : cells) sum.cells.push_back(cell);
     for (const auto& [key, count] : confusions) sum.confusions.push_back({key.first, key.second, count});
     for (auto& [name, out] : excluded) {

@@ -52,8 +52,13 @@ struct Finding {
     std::optional<double> heldout_after_rad_per_s;
     double seconds = 0;
     double memory_bytes = 0;
-    std::string problem;  // why there is no answer
+    std::string problem;                   // why there is no answer
+    std::vector<std::string> expressible;  // effects that this analysis knows; empty: all
 };
+
+// What the same logs are analysed with for comparison, as the tables call it.
+inline constexpr std::string_view kStepwise = "stepwise BIC";
+inline constexpr std::string_view kPysindy = "PySINDy, weak form";
 
 // Of one parameter that was hidden and told.
 struct ParameterError {
@@ -73,7 +78,8 @@ struct Outcome {
     bool extra = false;              // names beside a right one
     bool confidently_wrong = false;  // named, and a hidden effect is neither named nor listed as a rival
     std::vector<ParameterError> errors;
-    std::string said;  // for the confusion matrix: names joined by "+", or the verdict
+    std::string said;                       // for the confusion matrix: names joined by "+", or the verdict
+    std::map<std::string, Finding> beside;  // of other analyses of the same log, by name
 };
 
 // Throws std::runtime_error with one sentence when the text is no label.
@@ -124,7 +130,7 @@ struct Confusion {
 
 // One trial in a table of all.
 struct TrialLine {
-    std::string id, kind, hidden, conditions, said;
+    std::string id, plant, kind, hidden, conditions, said;
     // "exact", "not named", "one of two", "named its rival, and said so", "a name too many", "wrong name",
     // "false alarm", "no answer"; with "not identifiable" where the oracle says so
     std::string judgement;
@@ -135,6 +141,26 @@ struct Excluded {
     std::size_t count = 0;
     std::size_t n = 0;
     std::string rivals;  // with what they are confused
+};
+
+struct Share {
+    std::size_t hits = 0;
+    std::size_t n = 0;
+    void add(bool hit) {
+        hits += hit ? 1 : 0;
+        ++n;
+    }
+};
+
+// An analysis on the logs of a run; identifiable trials, but for `nothing`.
+struct MethodRow {
+    std::string name;
+    bool measured = false;
+    Share single, mild, pairs;  // named exactly; single: medium and strong
+    Share expressible;          // of `single` those whose effect kPysindy has terms for
+    Share alarms;               // where nothing is hidden
+    Share wrong;                // confident wrong names, all trials
+    double seconds = 0;         // of processor time, mean
 };
 
 struct Summary {
@@ -148,6 +174,7 @@ struct Summary {
     std::size_t unanswered = 0;
     std::size_t wrong_names = 0;  // confidently wrong, of all trials
     std::vector<TrialLine> trials;
+    std::vector<MethodRow> methods;  // the judged analysis, kStepwise, kPysindy
 };
 
 Summary summarise(const std::vector<Outcome>& outcomes);

@@ -80,7 +80,7 @@ bool all_accepted(const Summary& summary) {
     return measures && excluded && summary.unanswered == 0;
 }
 
-Report trials_report(const Summary& summary, const TrialsRun& run) {
+Report trials_report(const Summary& summary, const TrialsRun& run, const PlantSummaries& by_plant) {
     Report report("gap-trials");
     report.section("run", "Blind trials");
     report.add("what", "trials", run.what);
@@ -112,6 +112,22 @@ Report trials_report(const Summary& summary, const TrialsRun& run) {
                     interval_text(m), level_text(m, m.accept), level_text(m, m.aim), judgement(m), m.remark});
     }
 
+    if (!by_plant.empty()) {
+        report.section("plants", "Plant by plant");
+        report.table("plants", {{"plant", "plant"},
+                                {"id", "id"},
+                                {"meaning", "meaning"},
+                                {"shown", "value"},
+                                {"count", "of"},
+                                {"judgement", "judgement"}});
+        for (const auto& [plant, one] : by_plant) {
+            for (const Measure& m : one.measures) {
+                report.row({plant, m.id, m.meaning, value_text(m),
+                            m.interval ? of(m.hits, m.n) : std::to_string(m.n), judgement(m)});
+            }
+        }
+    }
+
     report.section("effects",
                    "Single effects named exactly, by size; excluded: the oracle calls them not identifiable");
     report.table("effects", {{"effect", "effect"},
@@ -130,6 +146,25 @@ Report trials_report(const Summary& summary, const TrialsRun& run) {
         };
         report.row(
             {effect, cell("mild"), cell("medium"), cell("strong"), of(row.excluded, row.n), rivals[effect]});
+    }
+
+    report.section("methods", "Beside others, on the same logs: named exactly, and alarms");
+    report.table("methods", {{"method", "analysis"},
+                             {"single", "single, medium and strong"},
+                             {"expressible", "of these PySINDy has terms for"},
+                             {"mild", "mild"},
+                             {"pairs", "pairs"},
+                             {"alarms", "alarms with nothing hidden"},
+                             {"wrong", "confident wrong names"},
+                             {"seconds", "processor time, s"}});
+    for (const MethodRow& row : summary.methods) {
+        if (!row.measured) {
+            report.row({row.name, "not measured", "", "", "", "", "", ""});
+            continue;
+        }
+        const auto cell = [](const Share& share) { return of(share.hits, share.n); };
+        report.row({row.name, cell(row.single), cell(row.expressible), cell(row.mild), cell(row.pairs),
+                    cell(row.alarms), cell(row.wrong), number_text(row.seconds, 3)});
     }
 
     report.section("worst", "Worst cells");
@@ -152,10 +187,12 @@ Report trials_report(const Summary& summary, const TrialsRun& run) {
                                 {"hidden", "hidden"},
                                 {"said", "said"},
                                 {"judgement", "judgement"},
+                                {"plant", "plant"},
                                 {"id", "trial"},
                                 {"conditions", "size, noise, rate, motions"}});
         for (const TrialLine& trial : summary.trials) {
-            report.row({trial.kind, trial.hidden, trial.said, trial.judgement, trial.id, trial.conditions});
+            report.row({trial.kind, trial.hidden, trial.said, trial.judgement, trial.plant, trial.id,
+                        trial.conditions});
         }
     }
     return report;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <string>
 
 #include "tools/cli/report.hpp"
@@ -15,7 +16,10 @@ struct TrialsRun {
     std::size_t listed = 0;  // trials of the list; fewer may be done
 };
 
-Report trials_report(const Summary& summary, const TrialsRun& run);
+// Each plant's trials by themselves, where there are several plants.
+using PlantSummaries = std::map<std::string, Summary>;
+
+Report trials_report(const Summary& summary, const TrialsRun& run, const PlantSummaries& by_plant = {});
 
 // One self-contained HTML file. Throws std::runtime_error when it cannot be written.
 void write_trials_page(const Summary& summary, const TrialsRun& run, const std::string& path);

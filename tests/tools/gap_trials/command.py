@@ -71,6 +71,9 @@ class Trials(unittest.TestCase):
             self.assertEqual(rows[0][:5], ["t_s", "tau_left_Nm", "tau_right_Nm", "omega_left_rad_s", "omega_right_rad_s"])
             self.assertGreater(len(rows), 400)
         self.assertIn("seen", (self.out / "analyses" / results[0].stem / "output.txt").read_text(encoding="utf-8"))
+        methods = {row["method"]: row["single"] for row in json.loads(figures.read_text(encoding="utf-8"))["methods"]["methods"]}
+        self.assertEqual(methods["PySINDy, weak form"], "not measured")
+        self.assertRegex(methods["stepwise BIC"], r"^(-|\d+/\d+)$")
         self.assertIn("Blind trials", (self.out / "report.html").read_text(encoding="utf-8"))
         run = json.loads(figures.read_text(encoding="utf-8"))
         self.assertEqual((run["run"]["done"], run["run"]["listed"], run["run"]["unanswered"]), (6, 6, 0))
@@ -119,6 +122,8 @@ class Trials(unittest.TestCase):
         self.assertEqual(status("--out", self.out, "--merge"), 2)
         self.assertEqual(status("--out", self.out, "--analyser", "/nowhere"), 4)
         self.assertEqual(status("--out", self.out, "--analyser", "/bin/false"), 4)
+        self.assertEqual(status("--out", self.out, "--analyser", self.analyser, "--pysindy", self.folder), 4)
+        self.assertEqual(status("--out", self.out, "--stepwise-bic", self.analyser), 1)
         blocked = self.folder / "file"
         blocked.write_text("", encoding="utf-8")
         self.assertEqual(status("--out", blocked / "x", "--analyser", self.analyser), 4)

@@ -126,6 +126,40 @@ TEST(TrialsJudge, EveryTrialHasALine) {
     STRCMP_EQUAL("strong, low noise, 500 Hz, gyro, prbs+spin", summary.trials[0].conditions.c_str());
 }
 
+TEST(TrialsJudge, OtherAnalysesAreJudgedOnTheSameLogs) {
+    Outcome right = judged(label("coulomb_friction"), named(kCoulomb));
+    right.beside[std::string(kStepwise)] = read_gap_json(named(R"({"name": "dead_zone"})"));
+    right.beside[std::string(kStepwise)].seconds = 3;
+    Outcome nothing = judged(kNothing, R"({"verdict": "nothing_missing", "effects": []})");
+    nothing.beside[std::string(kStepwise)] = read_gap_json(named(kCoulomb));
+    nothing.beside[std::string(kStepwise)].seconds = 1;
+    // as they come back from their files
+    const Summary summary =
+        summarise({outcome_from_json(outcome_json(right)), outcome_from_json(outcome_json(nothing))});
+    LONGS_EQUAL(3, summary.methods.size());
+    const MethodRow& ours = summary.methods[0];
+    const MethodRow& stepwise = summary.methods[1];
+    LONGS_EQUAL(1, ours.single.hits);
+    LONGS_EQUAL(0, ours.alarms.hits);
+    LONGS_EQUAL(0, stepwise.single.hits);
+    LONGS_EQUAL(1, stepwise.single.n);
+    LONGS_EQUAL(1, stepwise.alarms.hits);
+    LONGS_EQUAL(2, stepwise.wrong.hits);
+    DOUBLES_EQUAL(2, stepwise.seconds, 1e-12);
+    CHECK_FALSE(summary.methods[2].measured);
+    STRCMP_CONTAINS("not measured", trials_report(summary, {"sample of 2", 1, 2}).text().c_str());
+
+    // The terms of one are a subset of the effects: what the others do on those is told too.
+    right.beside[std::string(kPysindy)] = read_gap_json(
+        R"({"verdict": "named", "effects": [{"name": "coulomb_friction"}], "expressible": ["coulomb_friction"]})");
+    const Summary with =
+        summarise({outcome_from_json(outcome_json(right)), judged(label("slope"), named(kCoulomb))});
+    LONGS_EQUAL(1, with.methods[2].expressible.hits);
+    LONGS_EQUAL(1, with.methods[2].expressible.n);
+    LONGS_EQUAL(2, with.methods[0].single.n);
+    LONGS_EQUAL(1, with.methods[0].expressible.n);
+}
+
 TEST(TrialsJudge, WhatIsNoAnswerIsToldAsSuch) {
     for (const char* text : {"", "[]", "{", R"({"verdict": "maybe"})", R"({"verdict": 3})", "null"}) {
         const Finding finding = read_gap_json(text);

@@ -123,7 +123,10 @@ std::vector<ListedTrial> sample_of(std::vector<ListedTrial> trials, std::size_t 
     return sample;
 }
 
-std::vector<ListedTrial> every_effect_of(std::vector<ListedTrial> trials, std::uint64_t seed) {
+namespace {
+
+// Of one plant.
+std::vector<ListedTrial> every_effect_on_one(std::vector<ListedTrial> trials, std::uint64_t seed) {
     constexpr std::size_t kOfEachOtherKind = 4;
     constexpr std::size_t kMiddleNoise = 1;
     // Trials of which one is drawn, by kind.
@@ -160,6 +163,19 @@ std::vector<ListedTrial> every_effect_of(std::vector<ListedTrial> trials, std::u
             std::vector<ListedTrial> group = take_one(left);
             sample.push_back(take_one(group));
         }
+    }
+    return sample;
+}
+
+}  // namespace
+
+std::vector<ListedTrial> every_effect_of(std::vector<ListedTrial> trials, std::uint64_t seed) {
+    std::map<std::string, std::vector<ListedTrial>> by_plant;
+    for (ListedTrial& trial : trials) by_plant[trial.plant].push_back(std::move(trial));
+    std::vector<ListedTrial> sample;
+    for (auto& [plant, list] : by_plant) {
+        for (ListedTrial& trial : every_effect_on_one(std::move(list), seed))
+            sample.push_back(std::move(trial));
     }
     return sample;
 }

@@ -29,7 +29,7 @@ std::vector<ListedTrial> sample_of(std::vector<ListedTrial> trials, std::size_t 
 
 // A small sample in which no effect is missing: each one once, medium or strong at middle noise; 4 different
 // pairs, 4 times nothing hidden, both faults of logs, 4 different effects under motions that hardly show
-// them. Which ones, the seed draws. `trials` is what all_trials gives for one plant.
+// them. Which ones, the seed draws, for each plant of `trials`, which is what all_trials gives.
 std::vector<ListedTrial> every_effect_of(std::vector<ListedTrial> trials, std::uint64_t seed);
 
 // The pairs that are tried.
