@@ -142,6 +142,7 @@ def registered_tests(root):
         for name, groups in re.findall(r"wheelwright_test\(\s*NAME (\w+)\s+GROUPS\s+((?:[A-Z]\w*[a-z]\w*\s+)+)", text):
             yield from (f"{name}.{group}" for group in groups.split())
         yield from re.findall(r"NAME ([\w.]+)", text)
+        yield from (f"system.{name}" for name in re.findall(r"wheelwright_system_test\((\w+) \d", text))
 
 
 def tests(root, _program):

@@ -1,7 +1,4 @@
-"""Each fault on a real bus, what it does to the drives, how it is named and cleared; the ends of the program.
-
-One case for each limit that the robot file of this machine widens still trips it.
-"""
+"""Each fault on a real bus, what it does to the drives, how it is named and cleared; the ends of the program."""
 import os
 import signal
 import subprocess
@@ -9,10 +6,13 @@ import time
 import unittest
 
 import rig
-from rig import (ESTOP, HEARTBEAT, NODES, SET_AXIS_STATE, WATCHDOG_EXPIRED, WIDENED,
-                 drive_id, number_of)
+from rig import (ESTOP, HEARTBEAT, NODES, SET_AXIS_STATE, WATCHDOG_EXPIRED,
+                 drive_id, limit, number_of)
 
-SLACK = 0.4  # s: how late this machine may be, where a time is judged
+# s: the contract is no torque later than two cycles after the verdict, and the cycle that judges may have just begun.
+SLACK = 0.003
+EARLY = 0.001  # s: frames carry the time they reach the bus, the firmware counts from the beginning of its cycles
+HEARTBEAT_PERIOD, STATUS_PERIOD = 0.05, 0.02  # s: of default.toml, and the DBC
 TURN = {"YawRate": 1.5}  # rad/s, on the spot
 
 
@@ -20,6 +20,9 @@ class Case(unittest.TestCase):
     def end_of_torque(self, since):
         """When the last torque that is not zero was sent."""
         return max(when for torques in self.rig.torques(since).values() for when, torque in torques if torque != 0)
+
+    def within(self, seconds, limit, slack=SLACK):
+        self.assertTrue(limit - EARLY <= seconds <= limit + slack, f"{seconds:.4f} s, limit {limit} s")
 
 
 class Faults(Case):
@@ -49,6 +52,7 @@ class Faults(Case):
         for side, torques in self.rig.torques(since).items():
             driving = [when for when, torque in torques if torque != 0]
             self.assertLessEqual(len(driving), frames)
+            self.assertLessEqual(max(driving, default=since) - since, SLACK)
             last = max([last, *driving])
             self.assertGreaterEqual(self.rig.told_idle(side, since)[0], last)
         self.rig.until(lambda: self.rig.heartbeat("left")[2] == self.rig.heartbeat("right")[2] == 1,
@@ -83,14 +87,14 @@ class Faults(Case):
         self.cleared()
 
     def test_stale_command(self):
-        limit = 0.02 * WIDENED["safety.stale_command_cycles"]
+        allowed = 0.02 * limit("safety.stale_command_cycles")
         self.drive()
         self.rig.end_stream(self.stream)
         last_command = self.rig.host.of("VelocityCommand")[-1][0]
         self.rig.until_fault("stale_command")
         driven = self.end_of_torque(last_command) - last_command
-        print(f"stale command: torque for {driven:.3f} s after the last set-point, limit {limit} s")
-        self.assertTrue(limit - 0.02 < driven < limit + SLACK, driven)
+        print(f"stale command: torque for {driven:.3f} s after the last set-point, limit {allowed} s")
+        self.within(driven, allowed)
         self.stopped("stale_command", last_command + driven + 0.0005, frames=0)
         self.cleared()
 
@@ -137,7 +141,7 @@ class Faults(Case):
         subprocess.run(["ip", "link", "set", "vcan0", "down"], check=True)
         down = time.time()
         # Nobody hears anything now. The drives' watchdogs stop the wheels.
-        self.rig.until(lambda: time.time() > down + WIDENED["drive.watchdog_timeout_s"] and self.rig.at_rest(),
+        self.rig.until(lambda: time.time() > down + limit("drive.watchdog_timeout_s") and self.rig.at_rest(),
                        "the robot stands")
         subprocess.run(["ip", "link", "set", "vcan0", "up"], check=True)
         up = time.time()
@@ -180,8 +184,8 @@ class Faults(Case):
         self.rig.until(self.rig.at_rest, "the robot stands")
         rest = next(row[0] for row in self.rig.truth(expired) if abs(row[4]) < 0.005)
         print(f"kill -9 at 0.5 m/s: watchdog seen {expired - last:.2f} s after the last torque "
-              f"(limit {WIDENED['drive.watchdog_timeout_s']} s), rest {rest - last:.2f} s after it")
-        self.assertGreater(expired - last, WIDENED["drive.watchdog_timeout_s"] - 0.02)
+              f"(limit {limit('drive.watchdog_timeout_s')} s), rest {rest - last:.2f} s after it")
+        self.within(expired - last, limit("drive.watchdog_timeout_s"), SLACK + HEARTBEAT_PERIOD)
         # The same robot drives again: the next start clears what the watchdogs left.
         self.rig.start_daemon()
         self.rig.mode("torque")
@@ -189,13 +193,13 @@ class Faults(Case):
 
 
 class Limits(Case):
-    """Limits that get in each other's way: each case has a robot file of its own, on one robot."""
+    """Limits that are reached by other means than commands; some get in each other's way, so that a case changes one."""
 
     @classmethod
     def setUpClass(cls):
         cls.rig = rig.Rig()
         cls.addClassCleanup(cls.rig.end)
-        cls.rig.start_robot(drive__watchdog_timeout_s=2.0)
+        cls.rig.start_robot()
 
     def tearDown(self):
         if self.rig.robot.poll() is None:
@@ -204,8 +208,8 @@ class Limits(Case):
         self.rig.daemon.wait()
 
     def start(self, **values):
-        """The firmware with these limits, turning in velocity mode."""
-        self.rig.start_daemon(drive__watchdog_timeout_s=2.0, **values)
+        """The firmware with these values, turning in velocity mode."""
+        self.rig.start_daemon(**values)
         self.stream = self.rig.stream("VelocityCommand", 0.02, **TURN)
         self.addCleanup(self.rig.end_stream, self.stream)
         self.rig.mode("velocity")
@@ -218,91 +222,96 @@ class Limits(Case):
         return time.time()
 
     def test_over_speed(self):
-        self.start(limits__speed_m_per_s=0.5, ident__speed_limit_m_per_s=0.4, pose_control__speed_m_per_s=0.4,
-                   safety__over_speed_m_per_s=0.6)
-        stream = self.rig.stream("TorqueCommand", 0.02, LeftTorque=1.0, RightTorque=1.0)
+        allowed = limit("safety.over_speed_m_per_s")
+        self.start()
+        stream = self.rig.stream("TorqueCommand", 0.02, LeftTorque=2.0, RightTorque=2.0)
         self.addCleanup(self.rig.end_stream, stream)
         began = time.time()
         self.rig.send("ModeCommand", Mode="torque")
         self.rig.until_fault("over_speed")
-        top = max(row[4] for row in self.rig.truth(began))
-        print(f"over-speed at 0.6 m/s: the robot reached {top:.3f} m/s")
-        self.assertGreater(top, 0.58)
-        # As measured: the encoders' noise may take a robot just below the limit over it.
-        crossed = next(row[0] for row in self.rig.truth(began) if row[4] > 0.58)
-        self.assertLess(self.end_of_torque(began) - crossed, SLACK)
+        rows = self.rig.truth(began)
+        top = max(row[4] for row in rows)
+        # As measured: the encoders' noise may take a robot just below the limit over it. A row comes each 10 ms.
+        before, after = next((a, b) for a, b in zip(rows, rows[1:]) if b[4] > allowed - 0.02)
+        crossed = before[0] + (allowed - 0.02 - before[4]) / (after[4] - before[4]) * (after[0] - before[0])
+        late = self.end_of_torque(began) - crossed
+        print(f"over-speed at {allowed} m/s: the robot reached {top:.3f} m/s, torque for {1e3 * late:.1f} ms after "
+              f"{allowed - 0.02:.2f} m/s")
+        self.assertGreater(top, allowed - 0.02)
+        self.assertLess(late, 0.015)  # filtered
         self.rig.clear_fault()
 
     def test_feedback_gets_stale(self):
-        limit = WIDENED["safety.stale_feedback_s"]
         self.start()
         silent = self.silence()
         self.rig.until_fault("stale_feedback")
         late = self.end_of_torque(silent) - silent
-        print(f"stale feedback: torque for {late:.3f} s after the last encoder frame, limit {limit} s")
-        self.assertTrue(limit - 0.02 < late < limit + SLACK, late)
+        print(f"stale feedback: torque for {1e3 * late:.1f} ms after the robot fell silent, limit "
+              f"{1e3 * limit('safety.stale_feedback_s'):.0f} ms")
+        # The last encoder frame came up to its period of 1 ms before that.
+        self.within(late + 0.001, limit("safety.stale_feedback_s"), SLACK + 0.001)
         self.rig.robot.send_signal(signal.SIGCONT)
         self.rig.clear_fault()
 
     def test_a_drive_goes_silent(self):
-        limit = 0.35
-        self.start(drive__heartbeat_timeout_s=limit, safety__stale_feedback_s=1.0)
+        self.start(safety__stale_feedback_s=1.0)  # 0.01: encoder frames cease as well, and that is noticed first
         silent = self.silence()
         self.rig.until_fault("drive_silent")
+        heard = min(self.rig.heartbeat(side)[0] for side in NODES)
         self.rig.until_status(lambda s: s["DriveLeft"] == s["DriveRight"] == "silent", "both drives are silent")
-        late = self.end_of_torque(silent) - silent
-        print(f"drive silent: torque for {late:.3f} s after the last frame, limit {limit} s since a heartbeat")
-        self.assertTrue(limit - 0.1 - 0.03 < late < limit + SLACK, late)
+        late = self.end_of_torque(silent) - heard
+        print(f"drive silent: torque for {1e3 * late:.1f} ms after the last heartbeat, limit "
+              f"{1e3 * limit('drive.heartbeat_timeout_s'):.0f} ms")
+        self.within(late, limit("drive.heartbeat_timeout_s"))
         self.rig.send("ModeCommand", Mode="torque")
         self.rig.robot.send_signal(signal.SIGCONT)
         self.rig.clear_fault()
 
     def test_a_ramp_that_takes_too_long_becomes_coasting(self):
-        limit = 0.15  # braking from 1 m/s takes twice as long
-        self.start(safety__emergency_stop_reaction="ramp", safety__ramp_timeout_s=limit)
+        allowed = 0.05  # 1, in which this robot stops from any speed; from 1.5 m/s it takes twice as long as 0.05
+        self.start(safety__emergency_stop_reaction="ramp", safety__ramp_timeout_s=allowed)
+        fast = self.rig.stream("VelocityCommand", 0.02, ForwardSpeed=1.5)
         self.rig.end_stream(self.stream)
-        fast = self.rig.stream("VelocityCommand", 0.02, ForwardSpeed=1.0)
         self.addCleanup(self.rig.end_stream, fast)
-        self.rig.until(lambda: self.rig.truth()[4] > 0.95, "1 m/s")
+        self.rig.until(lambda: self.rig.truth()[4] > 1.45, "1.5 m/s")
         before = time.time()
         self.rig.send("EmergencyStop")
         sent = self.rig.until(lambda: self.rig.host.of("EmergencyStop", before), "the stop is on the bus")[0][0]
         self.rig.until_fault("emergency_stop_message")
         self.rig.until(lambda: all(self.rig.told_idle(side, sent) for side in NODES), "the drives are told idle")
         ended = self.end_of_torque(sent)
-        speed = next(row[4] for row in self.rig.truth(ended - 0.02) if row[0] >= ended - 0.02)
-        print(f"ramp: braked for {ended - sent:.3f} s, limit {limit} s, and left the robot at {speed:.2f} m/s")
-        self.assertTrue(limit - 0.02 < ended - sent < limit + SLACK, ended - sent)
-        self.assertGreater(speed, 0.2)
+        speed = next(row[4] for row in self.rig.truth(ended - 0.02) if row[0] >= ended)
+        print(f"ramp: braked for {ended - sent:.3f} s, limit {allowed} s, and left the robot at {speed:.2f} m/s")
+        self.within(ended - sent, allowed)
+        self.assertGreater(speed, 0.4)
         for torques in self.rig.torques(sent).values():
             self.assertLess(min(torque for _, torque in torques), -0.5)  # it did brake
         self.rig.clear_fault()
 
     def test_cycles_missed_in_a_row(self):
-        self.start(overrun_fault__in_a_row=200, overrun_fault__per_second=1000, safety__stale_feedback_s=1.0,
-                   safety__stale_command_cycles=50)
-        self.pause(0.4)
-        self.rig.until_fault("cycle_overrun")
-        self.judge_overrun(200)
+        self.start()
+        self.pause(0.006)
+        self.judge_overrun(limit("overrun_fault.in_a_row"), 6)
 
     def test_cycles_missed_within_a_second(self):
-        self.start(overrun_fault__in_a_row=1000, overrun_fault__per_second=300, safety__stale_feedback_s=1.0,
-                   safety__stale_command_cycles=50)
-        for _ in range(4):
-            self.pause(0.12)
-        self.rig.until_fault("cycle_overrun")
-        self.judge_overrun(300)
+        self.start()
+        # Each pause takes one or two cycles: never enough in a row.
+        most = limit("overrun_fault.per_second")
+        for _ in range(int(most)):
+            self.pause(0.0025)
+            time.sleep(0.03)
+        self.judge_overrun(most, 2 * most)
 
     def pause(self, seconds):
         self.rig.daemon.send_signal(signal.SIGSTOP)
         time.sleep(seconds)  # what is tested
         self.rig.daemon.send_signal(signal.SIGCONT)
-        time.sleep(0.05)
 
-    def judge_overrun(self, at_least):
-        timing = self.rig.until(lambda: (lambda t: t if t and t["MissedCycles"] >= at_least else None)(
-            self.rig.host.latest("Timing")), "the missed cycles are reported")
-        print(f"overrun: {timing['MissedCycles']:.0f} missed cycles reported")
+    def judge_overrun(self, least, most):
+        self.rig.until_fault("cycle_overrun")
+        missed = self.rig.missed_cycles()
+        print(f"overrun: {missed:.0f} missed cycles reported")
+        self.assertTrue(least <= missed <= most, missed)
         self.rig.clear_fault()
 
     def test_arming_is_refused_without_a_watchdog(self):
@@ -325,20 +334,21 @@ class Arming(Case):
         self.rig = rig.Rig()
         self.addCleanup(self.rig.end)
         self.rig.start_robot(drive__heartbeat_period_ms=1000, drive__heartbeat_timeout_s=4.0)
-        limit = 0.25
+        allowed = 0.25  # 2: of their seconds
         self.rig.start_daemon(drive__heartbeat_period_ms=1000, drive__heartbeat_timeout_s=4.0,
-                              drive__arming_timeout_s=limit)
+                              drive__arming_timeout_s=allowed)
         self.rig.watch_torques()
-        asked = time.time()
+        before = time.time()
         self.rig.send("ModeCommand", Mode="torque")
         self.rig.until_fault("arming_refused")
+        asked = self.rig.host.of("ModeCommand", before)[0][0]
         self.assertEqual(self.rig.status()["Blocker"], "drives_not_armed")
         status = [(when, rig.DBC.decode(number_of("Status"), data)["State"])
                   for when, data in self.rig.host.of("Status", asked)]
         refused = next(when for when, state in status if state == "fault") - asked
-        print(f"arming: given up after {refused:.2f} s, limit {limit} s")
-        self.assertTrue(limit - 0.02 < refused < limit + SLACK, refused)
-        self.rig.until(lambda: all(self.rig.told_idle(side, asked + limit / 2) for side in NODES),
+        print(f"arming: given up after {refused:.2f} s, limit {allowed} s")
+        self.within(refused, allowed, SLACK + STATUS_PERIOD)
+        self.rig.until(lambda: all(self.rig.told_idle(side, asked + allowed / 2) for side in NODES),
                        "the drives are told idle")
         for side, torques in self.rig.torques(asked).items():
             self.assertEqual([torque for _, torque in torques if torque != 0], [], side)

@@ -1,9 +1,9 @@
 """What the system tests share: the firmware and the simulated robot as processes on a real vcan0, driven by
 Debian's can-utils (cansend, canplayer) and watched by candump; frames coded by canmatrix, not by us.
 
-Every wait is for a condition, with a deadline; no test sleeps and hopes. The machine may be user-mode Linux, which
-freezes now and then for a tenth of a second or more, so the robot file that the firmware gets there is the default
-one with the limits of WIDENED, each named. Where a limit itself is tested, its case says which it uses.
+Every wait is for a condition, with a deadline; no test sleeps and hopes. The machine is user-mode Linux with a time of
+its own (toolchain/uml/run --steady), in which nothing is late. So the firmware gets tools/robots/default.toml and the
+simulated robot simulated.toml as they are; a case that needs another value says which and why.
 """
 import functools
 import json
@@ -20,31 +20,6 @@ import time
 import tomllib
 import unittest
 
-# What spares a slow machine, and what keeps a robot calm whose torque is held for a tenth of a second.
-CALM = {
-    "drive.encoder_period_ms": 2,                # 1: encoder frames cost most; for the firmware and the drives alike
-    "realtime.send_phase_s": 0.0,                # 0.0003: a second sleep in each cycle
-    "velocity_loop.settling_time_s": 0.3,        # 0.05
-    "limits.acceleration_m_per_s2": 3.0,         # 50
-    "limits.yaw_acceleration_rad_per_s2": 20.0,  # 200
-    "limits.torque_Nm": 2.5,                     # 5
-    "ident.amplitude_Nm": 2.5,                   # 5
-    "ident.coupling_standard_error_m": 0.003,    # 0.0002: would take a minute more
-}
-# Timing limits for a machine that keeps time badly, and what they are in tools/robots/default.toml.
-WIDENED = {
-    "safety.stale_feedback_s": 0.5,        # 0.01
-    "safety.stale_command_cycles": 25,     # 3: of 20 ms, so 0.5 s
-    "overrun_fault.in_a_row": 400,         # 3
-    "overrun_fault.per_second": 900,       # 10
-    "drive.watchdog_timeout_s": 0.6,       # 0.05; the plant's drives have the same
-    "drive.heartbeat_timeout_s": 1.0,      # 0.35
-    "drive.arming_timeout_s": 6,           # 2
-    "safety.ramp_timeout_s": 3,            # 1
-}
-REST = "900"  # us: the simulated robot looks at the bus no more often
-# What of it a drive shares with the firmware: so for the simulated one.
-PLANT = {key: {**CALM, **WIDENED}[key] for key in ("drive.encoder_period_ms", "drive.watchdog_timeout_s")}
 LONG = 20  # s: how long a condition is waited for that ought to hold within a second
 
 NEEDED = {"candump": "can-utils", "cansend": "can-utils", "canplayer": "can-utils", "ip": "iproute2",
@@ -113,6 +88,18 @@ def edited(text, values):
             at = at[part]
         assert at == value, (path, at, value)
     return text
+
+
+def limit(path):
+    """The number at "table.key" of default.toml, or if it is not there the default of docs/robot-file.md."""
+    with open(robots("default.toml"), "rb") as file:
+        at = tomllib.load(file)
+    for part in path.split("."):
+        at = at.get(part, {})
+    if at != {}:
+        return at
+    with open(os.path.join(source_folder(), "docs", "robot-file.md"), encoding="utf-8") as file:
+        return float(re.search(rf"^\| 0x\w+ \| `{re.escape(path)}` \|[^|]*\|([^|]*)\|", file.read(), re.M)[1])
 
 
 def write_robot_file(path, source, values):
@@ -363,10 +350,10 @@ class Rig:
     def start_robot(self, *options, **values):
         """`values`: of the plant's file, with __ for the dot."""
         plant = self.file("plant.toml")
-        write_robot_file(plant, "simulated.toml", {**PLANT, **dotted(values)})
+        write_robot_file(plant, "simulated.toml", dotted(values))
         # A robot does not wait for the host's processor: where it may, it is real-time, below the firmware.
         self.robot = self.popen([*realtime(40), wheelwright(), "sim", "--can", self.interface, "--plant", plant,
-                                 "--trace", self.trace_path, "--rest", REST, *options], "robot.txt")
+                                 "--trace", self.trace_path, *options], "robot.txt")
         started = time.time()
         until(lambda: self.lives(self.robot) and self.drives.of(drive_id("right", HEARTBEAT), started),
               "the robot's drives are heard")
@@ -392,7 +379,7 @@ class Rig:
     # The firmware.
 
     def write_robot_file(self, **values):
-        write_robot_file(self.robot_file, "default.toml", {**CALM, **WIDENED, **dotted(values)})
+        write_robot_file(self.robot_file, "default.toml", dotted(values))
 
     def start_daemon(self, *options, **values):
         self.write_robot_file(**values)
@@ -433,14 +420,15 @@ class Rig:
             data = DBC.encode(name, **values)
         self.host.cansend(frame.arbitration_id.id, data)
 
-    def stream(self, name, period_s, **values):
-        """A set-point repeated by canplayer, until its end() is called."""
+    def stream(self, name, period_s, after_1_s=None, **values):
+        """A set-point repeated by canplayer, until its end() is called; `after_1_s`: the values from then on."""
         self.processes = [one for one in self.processes if one.poll() is None or one is self.daemon]
         path = os.path.join(self.folder, f"{name}_{len(os.listdir(self.folder))}.log")
-        frames = [DBC.sealed(name, alive, **values).hex().upper() for alive in range(15)]
+        frames, later = ([DBC.sealed(name, alive, **one).hex().upper() for alive in range(15)]
+                         for one in (values, after_1_s or values))
         with open(path, "w", encoding="ascii") as file:
             for i in range(int(120 / period_s)):
-                file.write(f"({i * period_s:.6f}) {self.host.interface} {number_of(name):03X}#{frames[i % 15]}\n")
+                file.write(f"({i * period_s:.6f}) {self.host.interface} {number_of(name):03X}#{(frames if i * period_s < 1 else later)[i % 15]}\n")
         started = time.time()
         process = self.popen([*realtime(60), "canplayer", "-g", "10", "-I", path], os.path.basename(path) + ".txt")
         until(lambda: self.host.of(name, started), f"{name} is on the bus")
@@ -510,6 +498,12 @@ class Rig:
             status = self.status()
             return status["State"] == "idle" and status["DriveLeft"] == status["DriveRight"] == "idle"
         self.until(cleared, "the fault is cleared")
+
+    def missed_cycles(self):
+        """Since the firmware's start, as reported from now on."""
+        now = time.time()
+        self.until(lambda: self.host.of("Timing", now), "timing")
+        return self.host.latest("Timing")["MissedCycles"]
 
     # What the drives were told.
 

@@ -58,7 +58,7 @@ class Start(unittest.TestCase):
         cls.addClassCleanup(folder.cleanup)
         os.chmod(folder.name, 0o755)
         cls.good = os.path.join(folder.name, "robot.toml")
-        rig.write_robot_file(cls.good, "default.toml", rig.WIDENED)
+        rig.write_robot_file(cls.good, "default.toml", {})
 
     def refused(self, status, *words, of, one_line=True):
         """The run ended with this status and said these words, in one line, on standard error only."""

@@ -72,6 +72,7 @@ class Workbench(unittest.TestCase):
             self.assertGreater(min(wheel[speed] for wheel in wheels), -0.1)
         self.assertGreater(max(row[4] for row in self.rig.truth(began)), 0.04)
         self.rig.until_state("idle")
+        self.rig.until(self.rig.at_rest, "the robot stands")
 
     def test_4_stop_and_clear(self):
         process = subprocess.Popen([rig.wheelwright(), "ctl", "--can", "vcan0", "torque", "0.5", "0.5", "--enter"],
@@ -122,24 +123,21 @@ class Workbench(unittest.TestCase):
         rows = [row for row in self.rig.truth(began) if began + 2 < row[0] < began + 2.8]
         self.assertGreater(len(rows), 20)
         for row in rows:
-            self.assertLess(abs(row[4] - 0.2), 0.02)
+            self.assertLess(abs(row[4] - 0.2), 0.01)
         self.rig.until_state("idle")
+        self.assertEqual(self.rig.missed_cycles(), 0)
         self.assertEqual(self.rig.stop_daemon(), 0)
 
     def test_7_the_log_tells_the_same(self):
-        # As well as a log can: this machine now and then sends a frame a millisecond late, and a time that is wrong
-        # in the log is a large residual. Then the status is 3 and the standard errors say it.
         path = self.rig.file("ident.json")
         status, out, err = run("ident", self.log, "--model", self.rig.robot_file, "--json", path, seconds=60)
-        self.assertIn(status, (0, 3), err)
-        self.assertEqual(err, "")
+        self.assertEqual((status, err), (0, ""))
         with open(path, encoding="utf-8") as file:
             rows = {row["parameter"]: row for row in json.load(file)["dynamics"]["parameters"]}
         for key, truth in self.truth().items():
             value, deviation = rows[key]["value"], rows[key]["standard_error"]
             print(f"{key} from the log: {value} +- {deviation}, truth {truth:.5f}")
-            if status == 0 or isinstance(value, float):  # else "unknown"
-                self.assertLess(abs(value - truth), 4 * deviation + 0.01 * truth)
+            self.assertLess(abs(value - truth), 4 * deviation + 0.002 * truth)
         status, out, err = run("monitor", "--log", self.log, seconds=60)
         self.assertEqual((status, err), (0, ""))
         self.assertIn("ident", out)

@@ -24,10 +24,11 @@
 
 namespace {
 
-// A system call costs some 30 us in there, and a cycle of firmware and simulated robot makes two dozen: this
-// takes most of a millisecond, and so 50 us of the guest's, as on a robot's computer, with something left for
-// a busy machine. A program in there that computes instead of waiting takes this much longer than it thinks.
-constexpr std::int64_t kSlowness = 16;
+// A system call costs some 30 us in there, and a cycle of firmware and simulated robot makes two dozen, so it
+// takes most of a millisecond: 1 us of the guest's. A whole second in which this machine runs something else,
+// in the middle of a cycle, is 1 ms there, a cycle missed. What is lost by more slowness is only that a
+// program in there that computes instead of waiting takes this much longer than it thinks.
+constexpr std::int64_t kSlowness = 1024;
 constexpr std::int64_t kSecond_ns = 1'000'000'000;
 
 using Clock = int (*)(clockid_t, timespec*);

@@ -313,7 +313,6 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
         machine_ = std::make_unique<RealMachine>(options.can_interface, options.rest_ns);
     }
     start_ns_ = machine_->clock().now_ns();
-    schedule_ = task::CycleSchedule(start_ns_ + task::kCyclePeriod_ns);
     cycle_ns_ = start_ns_;
     sim::WorldOptions world = options.world;
     world.seed = options.seed;
@@ -330,6 +329,8 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
                                  options.emergency_stop_line ? stop_line_.get() : nullptr,
                                  nullptr};
     cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
+    // In real time the lines above take some: cycles are due from now on.
+    schedule_ = task::CycleSchedule(machine_->clock().now_ns() + task::kCyclePeriod_ns);
     if (!options.log_path.empty() && virtual_ != nullptr) {
         log_ = std::make_unique<Log>(options.log_path);
         virtual_->log_to(*log_);
