@@ -47,10 +47,15 @@ class Gap(unittest.TestCase):
         found = self.analyse([name("slow_forward"), name("slow_backward"), name("fast_forward")],
                              "--heldout", os.path.join(self.data, name("fast_backward")),
                              "--wheel-radius", "0.05077", "--track", "0.6")
-        self.assertIn("viscous_friction", [effect["name"] for effect in found["effects"]])
-        self.assertLessEqual({"K6", "K8"}, set(found["unknowable"]))
+        self.assertEqual((found["verdict"], [effect["name"] for effect in found["effects"]]),
+                         ("named", ["viscous_friction"]))
+        self.assertIn("back_emf_limit", [rival["name"] for rival in found["effects"][0]["rivals"]])
+        self.assertEqual({"K6", "K8"}, set(found["unknowable"]))
+        self.assertFalse({"K5", "K6", "K8"} & set(found["parameter_shift"]))
+        # Half the difference between the two wheels' own noise is 2.0 of it, and a model fitted to the held-out run
+        # itself leaves 2.64.
         run = found["heldout"]["wheel_speed_rms_rad_s"]
-        self.assertLess(run["after"], run["before"] / 5)
+        self.assertLess(run["after"], 3.0)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,8 @@
 #include <iterator>
 #include <limits>
 
-#include "sim_hal/plant.hpp"
+#include "tools/gap/free_run.hpp"
+#include "tools/gap/gap_refine.hpp"
 #include "tools/gap/motions.hpp"
 #include "tools/ident/drive_samples.hpp"
 
@@ -16,11 +17,11 @@ namespace {
 using tools::MeasuredLog;
 using tools::MeasuredSample;
 
-constexpr double kStep_s = 0.0005;       // of the simulated robot
 constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
 constexpr std::size_t kFewestBlocks = 6;
 constexpr double kHeldOutShare = 0.2;
 constexpr int kMostPasses = 6;
+constexpr int kBroadPasses = 1;  // of those, with everything in the catalogue
 
 model::Dynamics<double> dynamics_of(const Fit& f, bool turning, double track_m) {
     model::Dynamics<double> k{f.value(0), f.value(1), f.value(2), f.value(3)};
@@ -30,58 +31,6 @@ model::Dynamics<double> dynamics_of(const Fit& f, bool turning, double track_m) 
         k.k8_per_kg_m2 = 4 * k.k7_per_kg_m / track_m;
     }
     return k;
-}
-
-struct Robot {
-    model::Geometry<double> geometry;
-    model::Dynamics<double> dynamics;
-    model::EffectSet<double> effects;
-    bool turning = true;
-};
-
-// Sum of squared differences of the wheel speeds, both wheels; `take` gets each
-// sample's simulated speeds.
-template <typename Take>
-double run_free(const Robot& robot, const MeasuredLog& log, std::size_t from, std::size_t to,
-                double heading_rad, Take&& take) {
-    sim::PlantParameters parameters = sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects);
-    parameters.start_s = log.samples[from].t_s - log.samples.front().t_s;
-    parameters.span_s = log.samples.back().t_s - log.samples.front().t_s;
-    for (std::size_t i = 0; i < from; ++i) {
-        parameters.start_angle_rad.left += log.period_s * log.samples[i].speed_rad_per_s.left;
-        parameters.start_angle_rad.right += log.period_s * log.samples[i].speed_rad_per_s.right;
-    }
-    sim::Plant plant(parameters, {0, 0, heading_rad});
-    const auto balanced = [&](WheelPair<double> pair) {
-        if (robot.turning) return pair;
-        const double mean = pair.sum() / 2;
-        return WheelPair<double>{mean, mean};
-    };
-    plant.place({0, 0, heading_rad},
-                model::twist_from_wheel_speeds(robot.geometry, balanced(log.samples[from].speed_rad_per_s)));
-    const int steps = static_cast<int>(std::ceil(log.period_s / kStep_s - 1e-9));
-    // What the drives would report of it.
-    constexpr std::size_t kLag = model::find_effect("measurement_lag");
-    const model::Parameters<double> lag =
-        robot.effects.active[kLag] ? robot.effects.parameter[kLag] : model::Parameters<double>{};
-    WheelPair<model::MeasurementLag::Memory<double>> late{{log.samples[from].speed_rad_per_s.left},
-                                                          {log.samples[from].speed_rad_per_s.right}};
-    double sum = 0;
-    for (std::size_t i = from; i + 1 < to; ++i) {
-        const WheelPair<double> torque = balanced(log.samples[i].torque_Nm);
-        WheelPair<double> simulated;
-        for (int s = 0; s < steps; ++s) {
-            const double step_s = log.period_s / steps;
-            plant.advance(step_s, torque);
-            const WheelPair<double>& is = plant.wheel_speed_rad_per_s();
-            simulated = {model::MeasurementLag::report_speed(lag, late.left, is.left, step_s),
-                         model::MeasurementLag::report_speed(lag, late.right, is.right, step_s)};
-        }
-        const WheelPair<double>& measured = log.samples[i + 1].speed_rad_per_s;
-        sum += std::pow(simulated.left - measured.left, 2) + std::pow(simulated.right - measured.right, 2);
-        take(i + 1, simulated);
-    }
-    return sum;
 }
 
 class Analysis {
@@ -107,8 +56,9 @@ class Analysis {
             if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
             const Points points = findings_.search.points;
             Pass before{findings_.search, *dictionary_, std::move(train_), std::move(report_)};
-            make(found, points);
+            make(found, points, again < kBroadPasses);
             look_for_effects();
+            keep_what_was_not_tried(before.search);
             if (is_worse(findings_.search, before.search)) {
                 findings_.search = std::move(before.search);
                 dictionary_.emplace(std::move(before.dictionary));
@@ -117,6 +67,7 @@ class Analysis {
                 break;
             }
         }
+        refine();
         refine_names();
         name_sensors();
         take_models();
@@ -133,6 +84,31 @@ class Analysis {
         Dictionary dictionary;
         BlockSet train, report;
     };
+    // A closer look has columns for what came near only.
+    void keep_what_was_not_tried(const Search& earlier) {
+        Search& now = findings_.search;
+        for (const Detectable& d : earlier.detectable) {
+            const auto same = [&](const auto& other) { return other.effect == d.effect; };
+            if (std::none_of(now.detectable.begin(), now.detectable.end(), same) &&
+                std::none_of(now.effects.begin(), now.effects.end(), same)) {
+                now.detectable.push_back(d);
+            }
+        }
+        for (NamedEffect& e : now.effects) {
+            for (const NamedEffect& was : earlier.effects) {
+                if (was.effect != e.effect) continue;
+                for (const Rival& r : was.ruled_out) {
+                    const auto same = [&](const auto& other) { return other.effect == r.effect; };
+                    if (std::none_of(e.rivals.begin(), e.rivals.end(), same) &&
+                        std::none_of(e.ruled_out.begin(), e.ruled_out.end(), same) &&
+                        std::none_of(now.effects.begin(), now.effects.end(), same)) {
+                        e.ruled_out.push_back(r);
+                    }
+                }
+            }
+        }
+    }
+
     // A closer look must not lose what was found.
     static bool is_worse(const Search& later, const Search& earlier) {
         constexpr double kSlack = 1.02;
@@ -361,21 +337,36 @@ class Analysis {
     }
 
     Setting setting_for(const model::Dynamics<double>& dynamics) const {
-        Setting setting{request_.geometry, dynamics, peak_torque_Nm_, peak_speed_rad_per_s_, 0, 0};
+        Setting setting{request_.geometry, dynamics, peak_torque_Nm_, peak_speed_rad_per_s_, 0, 0, 0};
         for (const MeasuredLog& log : logs_) {
             setting.span_s = std::max(setting.span_s, log.samples.back().t_s - log.samples.front().t_s);
+            for (const auto side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+                setting.turned_rad = std::max(setting.turned_rad, turned_rad(log, side));
+            }
         }
         setting.period_s = logs_.front().period_s;
         return setting;
     }
 
-    void make(const model::Dynamics<double>& dynamics, Points points) {
+    static double turned_rad(const MeasuredLog& log, double WheelPair<double>::*side) {
+        double angle = 0;
+        double least = 0;
+        double most = 0;
+        for (const MeasuredSample& s : log.samples) {
+            angle += log.period_s * s.speed_rad_per_s.*side;
+            least = std::min(least, angle);
+            most = std::max(most, angle);
+        }
+        return most - least;
+    }
+
+    void make(const model::Dynamics<double>& dynamics, Points points, bool grids = true) {
         const model::EffectSet<double> base = base_effects();
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
             if (base.active[i]) points.try_emplace(i, base.parameter[i]);
         }
         for (const auto& [effect, parameters] : given_) points[effect] = parameters;
-        dictionary_.emplace(setting_for(dynamics), points);
+        dictionary_.emplace(setting_for(dynamics), points, grids);
         BlockOptions options;
         options.dictionary = &*dictionary_;
         options.noise_rad_per_s = findings_.noise_rad_per_s;
@@ -407,7 +398,7 @@ class Analysis {
     void first_model() {
         model::Dynamics<double> start;
         start.k7_per_kg_m = 1;
-        make(start, {});
+        make(start, {}, false);
         if (train_.blocks.size() < kFewestBlocks) {
             problem("too short: " + std::to_string(train_.blocks.size()) +
                     " pieces of at least half a second in which " +
@@ -435,6 +426,33 @@ class Analysis {
         make(dynamics_of(f, findings_.turning, request_.geometry.track_m), {});
     }
 
+    // Noise in the measured speeds stands in the weak form's regressors too, and may lead it astray. Where
+    // the free run over the same pieces misses much, it has the last word, if that is clearly better.
+    void refine() {
+        Search& s = findings_.search;
+        constexpr double kSmall = 0.02;  // of the speeds
+        constexpr double kShot_s = 5;
+        const std::vector<Stretch> shots = stretches(training_, kShot_s, request_.geometry);
+        for (const bool named : {false, true}) {
+            if (named && s.effects.empty()) break;
+            Fit& f = named ? s.after : s.base;
+            const std::vector<Way> members(
+                s.members.begin(),
+                s.members.begin() + std::ptrdiff_t(named ? s.members.size() : s.base_members));
+            const std::optional<Refined> refined =
+                refine_by_free_run(f, shots, kSmall * speed_rms_, [&](const Fit& trial) {
+                    return SimulatedRobot{
+                        request_.geometry, dynamics_of(trial, findings_.turning, request_.geometry.track_m),
+                        effects_of(members, trial, dictionary_->setting()), findings_.turning};
+                });
+            if (!refined) continue;
+            f = refined->fit;
+            if (named) take_refined(s, dictionary_->setting());
+        }
+        if (s.effects.empty()) s.after = s.base;
+        s.unknowable = unknowable(s.after, findings_.turning);
+    }
+
     // What would tell the named ones from their rivals: the motion in which they
     // are least alike.
     void refine_names() {
@@ -449,8 +467,10 @@ class Analysis {
         c.torque_rms_Nm = train_.torque_rms_Nm;
         c.speed_rms_rad_per_s = speed_rms_;
         c.noise_rad_per_s = findings_.noise_rad_per_s;
+        name_voltage_drag();
         for (NamedEffect& e : findings_.search.effects) {
             for (Rival& r : e.rivals) {
+                if (r.torque_is_voltage) continue;
                 c.effect = e.effect;
                 c.rival = r.effect;
                 const Separation found = separating_motion(c);
@@ -460,9 +480,39 @@ class Analysis {
         }
     }
 
+    // Drag in proportion to speed that takes most of the torque is what a torque column holds that was made
+    // from the motors' voltage: their back-EMF was not taken off.
+    void name_voltage_drag() {
+        constexpr double kMostOfTheTorque = 0.5;
+        constexpr std::size_t kViscous = model::find_effect("viscous_friction");
+        constexpr std::size_t kBackEmf = model::find_effect("back_emf_limit");
+        for (NamedEffect& e : findings_.search.effects) {
+            if (e.effect != kViscous || e.torque_share < kMostOfTheTorque) continue;
+            const auto is_back_emf = [](const Rival& r) { return r.effect == kBackEmf; };
+            std::erase_if(e.rivals, is_back_emf);
+            std::erase_if(e.ruled_out, is_back_emf);
+            Rival rival;
+            rival.effect = kBackEmf;
+            rival.alike = rival.torque_is_voltage = true;
+            rival.keeps = 1;
+            e.rivals.push_back(rival);
+        }
+    }
+
     void take_models() {
         const Search& s = findings_.search;
         const double track = request_.geometry.track_m;
+        if (getenv("GAP_DEBUG")) {
+            for (const Fit* f : {&s.base, &s.after}) {
+                for (Eigen::Index i = 0; i < f->value.size(); ++i)
+                    fprintf(stderr, " %g+-%g", f->value(i), f->error(i));
+                fprintf(stderr, "  squares %g rows %g\n", f->squares, f->rows);
+            }
+            for (const Block& b : train_.blocks) {
+                fprintf(stderr, "block log %zu %.2f..%.2f rows %d: base %g after %g\n", b.log, b.start_s,
+                        b.end_s, b.rows[0], squares(b, s.base), squares(b, s.after));
+            }
+        }
         findings_.before = dynamics_of(s.base, findings_.turning, track);
         findings_.after = dynamics_of(s.after, findings_.turning, track);
         findings_.after_error = {s.after.error(0), s.after.error(1), s.after.error(2), s.after.error(3)};
@@ -500,12 +550,14 @@ class Analysis {
         if (!held_out_) return;
         const LogPart& part = *held_out_;
         const MeasuredLog& log = *part.log;
-        const Robot before{request_.geometry, findings_.before, findings_.effects_before, findings_.turning};
-        const Robot after{request_.geometry, findings_.after, findings_.effects_after, findings_.turning};
-        std::optional<Robot> nominal;
+        const SimulatedRobot before{request_.geometry, findings_.before, findings_.effects_before,
+                                    findings_.turning};
+        const SimulatedRobot after{request_.geometry, findings_.after, findings_.effects_after,
+                                   findings_.turning};
+        std::optional<SimulatedRobot> nominal;
         if (request_.robot) {
-            nominal = Robot{request_.geometry, request_.robot->dynamics, request_.robot->effects,
-                            findings_.turning};
+            nominal = SimulatedRobot{request_.geometry, request_.robot->dynamics, request_.robot->effects,
+                                     findings_.turning};
         }
         findings_.heldout_s = log.period_s * double(part.end - part.first - 1);
         std::vector<double> headings{part.initial_heading_rad};
@@ -525,13 +577,13 @@ class Analysis {
                                            ? part.end - part.first
                                            : static_cast<std::size_t>(std::lround(window / log.period_s)) + 1;
             if (length > part.end - part.first) continue;
-            const auto rms = [&](const Robot& robot) {
+            const auto rms = [&](const SimulatedRobot& robot) {
                 double sum = 0;
                 std::size_t count = 0;
                 result.windows = 0;
                 for (std::size_t from = part.first; from + length <= part.end; from += length - 1) {
-                    sum += run_free(robot, log, from, from + length, headings[from - part.first],
-                                    [](std::size_t, const WheelPair<double>&) {});
+                    sum += free_run(robot, {&log, from, from + length, headings[from - part.first]},
+                                    log.samples[from].speed_rad_per_s);
                     count += 2 * (length - 1);
                     ++result.windows;
                 }
@@ -545,13 +597,14 @@ class Analysis {
         // a picture of it: the first ten seconds, the left wheel
         const std::size_t end = std::min(part.end, part.first + static_cast<std::size_t>(10 / log.period_s));
         Trace& trace = findings_.trace;
-        run_free(before, log, part.first, end, part.initial_heading_rad,
-                 [&](std::size_t i, const WheelPair<double>& w) {
-                     trace.t_s.push_back(log.samples[i].t_s);
-                     trace.measured.push_back(log.samples[i].speed_rad_per_s.left);
-                     trace.before.push_back(w.left);
-                 });
-        run_free(after, log, part.first, end, part.initial_heading_rad,
+        const Stretch shown{&log, part.first, end, part.initial_heading_rad};
+        const WheelPair<double>& start = log.samples[part.first].speed_rad_per_s;
+        free_run(before, shown, start, [&](std::size_t i, const WheelPair<double>& w) {
+            trace.t_s.push_back(log.samples[i].t_s);
+            trace.measured.push_back(log.samples[i].speed_rad_per_s.left);
+            trace.before.push_back(w.left);
+        });
+        free_run(after, shown, start,
                  [&](std::size_t, const WheelPair<double>& w) { trace.after.push_back(w.left); });
     }
 

@@ -372,7 +372,10 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
         [=](const Parameters<double>& at, const Eigen::VectorXd& a) {
             return Parameters<double>{at[0], mass * load(a(0)), inertia * load(a(1))};
         },
-        [](const Eigen::VectorXd& a) { return a(0) > -5 && a(1) > -5 && a(0) + a(1) > 0; },
+        // what more than doubles the robot is no load
+        [=](const Eigen::VectorXd& a) {
+            return a(0) > -5 && a(1) > -5 && a(0) + a(1) > 0 && kLost * std::max(a(0), a(1)) < 0.5;
+        },
         {s.span_s / 40, mass / 100, inertia / 100}};
     for (int i = 2; i <= 16; ++i) grid.points.push_back({s.span_s * i / 18});
     return grid;
@@ -388,7 +391,7 @@ Grid grid_of<model::GainDrift>(const Setting& s) {
             {0.01, 0.02 * s.span_s}};
 }
 template <>
-Grid grid_of<model::TorqueRipple>(const Setting&) {
+Grid grid_of<model::TorqueRipple>(const Setting& s) {
     Grid grid{{},
               [](const Parameters<double>& at) {
                   return std::vector<Parameters<double>>{{1, at[1], 0}, {1, at[1], std::numbers::pi / 2}};
@@ -398,7 +401,11 @@ Grid grid_of<model::TorqueRipple>(const Setting&) {
               },
               any_size,
               {}};
-    for (int order = 1; order <= 14; ++order) grid.points.push_back({0, double(order), 0});
+    // less than two periods are like anything that changes slowly
+    constexpr double kLeast_rad = 4 * std::numbers::pi;
+    for (int order = 1; order <= 14; ++order) {
+        if (order * s.turned_rad >= kLeast_rad) grid.points.push_back({0, double(order), 0});
+    }
     return grid;
 }
 template <>
@@ -575,7 +582,7 @@ std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::V
     return {p, true};
 }
 
-Dictionary::Dictionary(const Setting& setting, const Points& focus)
+Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids)
     : setting_(setting), linear_(model::kEffectCount), ways_(model::kEffectCount) {
     columns_.resize(kFirstEffect);
     std::array<bool, model::kEffectCount> all{};
@@ -587,8 +594,8 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus)
     });
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (linear_[i].first != linear_[i].second) continue;
-        add_grid(i);
         const auto found = focus.find(i);
+        if (grids || found != focus.end()) add_grid(i);
         if (found != focus.end() && grid_of(i, setting_).step != decltype(Grid::step){}) {
             add_focus(i, found->second);
         }

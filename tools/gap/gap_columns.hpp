@@ -38,6 +38,7 @@ struct Setting {
     model::Dynamics<double> dynamics;
     double peak_torque_Nm = 1, peak_speed_rad_per_s = 1;
     double span_s = 60, period_s = 0.001;
+    double turned_rad = 1e9;  // from the least to the greatest angle of a wheel
 
     double effective_mass_kg() const { return 1 / (dynamics.k7_per_kg_m * geometry.mean_radius_m()); }
     double effective_inertia_kg_m2() const {
@@ -96,8 +97,9 @@ class Dictionary {
     // Columns that every model has.
     enum Base : int { kProduct, kTorque, kTiming, kFirstEffect };
 
-    // `focus`: effects that are to be refined, and from where.
-    Dictionary(const Setting& setting, const Points& focus);
+    // `focus`: effects that are to be refined, and from where. Without `grids` the others that are not linear
+    // have no columns, which are most of the work.
+    Dictionary(const Setting& setting, const Points& focus, bool grids = true);
 
     const Setting& setting() const { return setting_; }
     std::span<const Column> columns() const { return columns_; }

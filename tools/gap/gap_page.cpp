@@ -233,10 +233,17 @@ void evidence(Section& s, const NamedEffect& e) {
     for (const Rival& r : e.rivals) {
         std::string text =
             "What would tell " + code(name_of(e.effect)) + " from " + code(name_of(r.effect)) + ": ";
-        text += r.motion == nullptr ? "another motion."
-                                    : std::string(r.motion->words) +
-                                          ". `wheelwright excite --advice gap.json` drives it; give the next "
-                                          "`wheelwright gap` both logs.";
+        if (r.torque_is_voltage) {
+            text +=
+                "torque from the motors' currents. This one may be made from voltage, whose back-EMF was not "
+                "taken off.";
+        } else if (r.motion == nullptr) {
+            text += "another motion.";
+        } else {
+            text += std::string(r.motion->words) +
+                    ". `wheelwright excite --advice gap.json` drives it; give the next `wheelwright gap` "
+                    "both logs.";
+        }
         s.note(Tone::plain, text);
     }
 }

@@ -18,6 +18,9 @@ constexpr int kFewestIntervals = 20;
 constexpr double kStanding_s = 0.02;
 constexpr double kStandingShare = 0.005;  // of the RMS speed: slower than this for longer than that stands
 
+// The mean power of the torques is taken from every third interval.
+constexpr Eigen::Index kPowerOf = 3;
+
 // As long as this an interval may become, where a log's are shorter.
 constexpr double kLongest_s = 0.005;
 
@@ -28,19 +31,42 @@ double mean_product(double a0, double a1, double b0, double b1) {
 // The upper triangle from the lower.
 void mirror(Eigen::MatrixXd& m) { m.triangularView<Eigen::StrictlyUpper>() = m.transpose().eval(); }
 
-// The transform of a block of so many intervals: rows k, columns n.
-using Sines = std::map<std::pair<int, int>, Eigen::MatrixXd>;
-const Eigen::MatrixXd& sines(int intervals, int rows, Sines& known) {
-    Eigen::MatrixXd& s = known[{intervals, rows}];
-    if (s.size() == 0) {
-        s.resize(rows, intervals);
+// The transform of a block of so many intervals: rows k, columns n. A sine is even or odd about the block's
+// middle, so only the first half is kept, of odd k and of even k.
+struct Sines {
+    Eigen::MatrixXd odd, even;
+};
+using KnownSines = std::map<std::pair<int, int>, Sines>;
+const Sines& sines(int intervals, int rows, KnownSines& known) {
+    Sines& s = known[{intervals, rows}];
+    if (s.odd.size() == 0) {
+        const int half = (intervals + 1) / 2;
+        s.odd.resize((rows + 1) / 2, half);
+        s.even.resize(rows / 2, half);
         for (int k = 1; k <= rows; ++k) {
             const double scale = 1 / (std::sqrt(2.0 * intervals) * std::sin(k * kPi / (2.0 * intervals)));
-            for (int n = 0; n < intervals; ++n)
-                s(k - 1, n) = scale * std::sin(k * kPi * (n + 0.5) / intervals);
+            for (int n = 0; n < half; ++n) {
+                (k % 2 == 1 ? s.odd : s.even)((k - 1) / 2, n) =
+                    scale * std::sin(k * kPi * (n + 0.5) / intervals);
+            }
         }
     }
     return s;
+}
+// `x`: columns by interval.
+Eigen::MatrixXd transformed(const Sines& s, const Eigen::MatrixXd& x) {
+    const Eigen::Index whole = x.cols() / 2;  // an interval in the middle belongs to no pair
+    const Eigen::Index half = s.odd.cols();
+    Eigen::MatrixXd sum = x.leftCols(half);
+    Eigen::MatrixXd difference = x.leftCols(half);
+    for (Eigen::Index n = 0; n < whole; ++n) {
+        sum.col(n) += x.col(x.cols() - 1 - n);
+        difference.col(n) -= x.col(x.cols() - 1 - n);
+    }
+    Eigen::MatrixXd rows(s.odd.rows() + s.even.rows(), x.rows());
+    rows(Eigen::seqN(0, s.odd.rows(), 2), Eigen::all) = s.odd * sum.transpose();
+    rows(Eigen::seqN(1, s.even.rows(), 2), Eigen::all) = s.even * difference.transpose();
+    return rows;
 }
 
 class Maker {
@@ -88,7 +114,7 @@ class Maker {
     }
 
     void finish() {
-        if (intervals_ > 0) to_.wheel_power /= double(intervals_);
+        if (looked_at_ > 0) to_.wheel_power /= double(looked_at_);
         to_.torque_rms_Nm = std::sqrt(to_.wheel_power(Dictionary::kTorque, Dictionary::kTorque));
     }
 
@@ -149,7 +175,8 @@ class Maker {
         std::array<Eigen::MatrixXd, kEquations> x;
         // column by interval, so that an interval's values lie side by side
         for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(count + 1, intervals);
-        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(count, 2 * intervals);
+        const Eigen::Index looked_at = (intervals + kPowerOf - 1) / kPowerOf;
+        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(count, 2 * looked_at);
         for (std::size_t n = begin; n < end; ++n) {
             const auto row = static_cast<Eigen::Index>((n - begin) / together);
             if (row >= intervals) {  // fewer than make one
@@ -174,11 +201,12 @@ class Maker {
             walker_->step(interval, stands, [&](int column, const WheelPair<double>& pair) {
                 x[kLinear](column, row) += dt * pair.sum();
                 x[kTurning](column, row) += dt * pair.difference();
-                wheels(column, 2 * row) += share * pair.left;
-                wheels(column, 2 * row + 1) += share * pair.right;
+                if (row % kPowerOf != 0) return;
+                wheels(column, 2 * (row / kPowerOf)) += share * pair.left;
+                wheels(column, 2 * (row / kPowerOf) + 1) += share * pair.right;
             });
         }
-        intervals_ += rows_of_time;
+        looked_at_ += looked_at;
         to_.wheel_power.selfadjointView<Eigen::Lower>().rankUpdate(wheels);
 
         Block made;
@@ -195,9 +223,9 @@ class Maker {
         const double right = geometry_.wheel_radius_m.right * options_.noise_rad_per_s.right;
         const double both = std::sqrt(left * left + right * right);
         const std::array<double, kEquations> sigma{both / 2, both / geometry_.track_m};
-        const Eigen::MatrixXd& transform = sines(static_cast<int>(intervals), rows, sines_);
+        const Sines& transform = sines(static_cast<int>(intervals), rows, sines_);
         for (std::size_t e = 0; e < kEquations; ++e) {
-            made.row[e] = transform * x[e].transpose() / sigma[e];
+            made.row[e] = transformed(transform, x[e]) / sigma[e];
             made.rows[e] = rows;
         }
         made.first_Hz = 1 / (2 * length_s);
@@ -207,8 +235,8 @@ class Maker {
     const BlockOptions& options_;
     BlockSet& to_;
     model::Geometry<double> geometry_;
-    std::size_t intervals_ = 0;
-    Sines sines_;
+    Eigen::Index looked_at_ = 0;
+    KnownSines sines_;
     std::optional<Dictionary::Walker> walker_;
     double heading_ = 0, span_s_ = 0;
     WheelPair<double> angle_;

@@ -68,7 +68,7 @@ struct BlockOptions {
 
 struct BlockSet {
     std::vector<Block> blocks;
-    Eigen::MatrixXd wheel_power;  // mean over all samples of column_i . column_j,
+    Eigen::MatrixXd wheel_power;  // mean over samples of column_i . column_j,
                                   // as wheel torques, both wheels
     double torque_rms_Nm = 0;     // of both wheels together
     double left_out_s = 0;        // where one wheel stands and the other turns

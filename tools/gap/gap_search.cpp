@@ -18,6 +18,7 @@ constexpr std::size_t kFolds = 5;
 constexpr double kApart = 4;         // standard errors of the difference between left and right
 constexpr double kCloser = 0.95;     // a grid's point must be better than a closer look by more than this
 constexpr double kNormal = 1.96;     // standard errors of a 95 % interval
+constexpr double kNoBetter = 1.005;  // share of the gain, kept by a rival with more unknowns, that is chance
 constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
 constexpr double kUnexcited = 1e-4;  // power of a coordinate's column over that of the effect's strongest
 
@@ -62,7 +63,19 @@ class Searcher {
         base_members_ = members_.size();
     }
 
+    // Values and intervals of the named effects, from `after`.
+    static void take(Search& search, const Setting& setting) {
+        for (NamedEffect& e : search.effects) {
+            for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
+                if (search.members[i].effect != e.effect) continue;
+                e.parameters = parameters_in(search.members, i, search.after, setting, search.blocks);
+                widen(search.members[i], e);
+            }
+        }
+    }
+
     Search run() {
+        result_.blocks = all_.size();
         result_.base = fit(all_, shape_of(members_));
         rows_ = row_count(all_, result_.base.shape);
         result_.gap_refit = cross_validated(all_, members_) / rows_;
@@ -83,7 +96,9 @@ class Searcher {
         note_points(members_, result_.after);
         report_effects();
         report_closed();
-        find_unknowable();
+        result_.unknowable = unknowable(result_.after, options_.turning);
+        result_.timing_samples = result_.after.value(kFirstAmount);
+        result_.timing_error = result_.after.error(kFirstAmount);
         judge();
         return result_;
     }
@@ -491,11 +506,14 @@ class Searcher {
         return sum > kTrifle * of && signed_rank_probability(gain) <= kSignificance;
     }
 
+    static std::size_t unknowns(const Way& way) {
+        return way.kind == Way::Kind::linear ? way.amounts.size()
+                                             : model::kEffects[way.effect].parameters.size();
+    }
+
     // Linear in its parameters first, then fewer unknowns, then the catalogue's order.
     static std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
-        const bool linear = way.kind == Way::Kind::linear;
-        return {!linear, linear ? way.amounts.size() : model::kEffects[way.effect].parameters.size(),
-                way.effect};
+        return {way.kind != Way::Kind::linear, unknowns(way), way.effect};
     }
 
     static bool is_special_case(std::size_t special, std::size_t general) {
@@ -514,7 +532,7 @@ class Searcher {
             named.effect = members_[i].effect;
             named.torque_share = effect_torque_share(members_, i, result_.after);
             named.probability = probability_[named.effect];
-            named.parameters = parameters_in(i, result_.after);
+            named.parameters = parameters_in(members_, i, result_.after, dictionary_.setting(), all_.size());
             widen(members_[i], named);
             const Members fewer = without(members_, i);
             const Fit bare = fit(all_, shape_of(fewer));
@@ -584,7 +602,8 @@ class Searcher {
                           (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
             if (rival.keeps > 0.3) note_point(other, other.size() - 1, instead);
             std::vector<double> loss = left_out(all_, other);
-            rival.richer = simplicity(mine) < simplicity(*best) && !surely_less(loss, here);
+            rival.richer =
+                unknowns(mine) < unknowns(*best) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
             const bool worse = signed_rank_probability(loss) <= kSignificance;
             if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 100) {
@@ -596,18 +615,18 @@ class Searcher {
     }
 
     // The catalogue's parameters, with intervals by the delta method.
-    std::vector<ParameterEstimate> parameters_in(std::size_t member, const Fit& f) const {
-        const Way& way = members_[member];
+    static std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member,
+                                                        const Fit& f, const Setting& setting,
+                                                        std::size_t blocks) {
+        const Way& way = members[member];
         const auto& info = model::kEffects[way.effect].parameters;
-        const Eigen::VectorXd amount = amounts_in(members_, member, f);
-        const Eigen::Index at = first_amount_of(members_, member);
+        const Eigen::VectorXd amount = amounts_in(members, member, f);
+        const Eigen::Index at = first_amount_of(members, member);
         const Eigen::Index count = amount.size();
         const Eigen::MatrixXd cov = f.covariance.block(at, at, count, count);
-        const double degrees = std::max(1.0, double(all_.size()) - 4);
+        const double degrees = std::max(1.0, double(blocks) - 4);
         const double quantile = 1.96 + 2.4 / degrees + 3.0 / (degrees * degrees);
-        const auto value_at = [&](const Eigen::VectorXd& a) {
-            return parameters_of(way, a, dictionary_.setting()).first;
-        };
+        const auto value_at = [&](const Eigen::VectorXd& a) { return parameters_of(way, a, setting).first; };
         const model::Parameters<double> p = value_at(amount);
         std::vector<ParameterEstimate> estimates;
         for (std::size_t j = 0; j < info.size(); ++j) {
@@ -697,21 +716,6 @@ class Searcher {
         }
     }
 
-    void find_unknowable() {
-        const Fit& f = result_.after;
-        const std::array<const char*, 4> names{"K5", "K6", "K7", "K8"};
-        const auto unknown = [&](Eigen::Index i, double scale) { return !(f.error(i) < scale); };
-        if (unknown(0, 0.02)) result_.unknowable.emplace_back(names[0]);
-        if (!options_.turning || unknown(1, 0.5 * std::max(1.0, std::abs(f.value(1)))))
-            result_.unknowable.emplace_back(names[1]);
-        if (unknown(2, 0.2 * std::abs(f.value(2)))) result_.unknowable.emplace_back(names[2]);
-        if (!options_.turning || unknown(3, 0.2 * std::abs(f.value(3))))
-            result_.unknowable.emplace_back(names[3]);
-        const Eigen::Index timing_at = kFirstAmount;
-        result_.timing_samples = f.value(timing_at);
-        result_.timing_error = f.error(timing_at);
-    }
-
     void judge() {
         const bool much_left = (result_.left_torque_share > kLargeGap &&
                                 result_.left_torque_share > 0.5 * result_.closable_torque_share) ||
@@ -780,6 +784,18 @@ const char* verdict_name(Verdict verdict) {
             return "unusable_log";
     }
     return "";
+}
+
+void take_refined(Search& search, const Setting& setting) { Searcher::take(search, setting); }
+
+std::vector<std::string> unknowable(const Fit& f, bool turning) {
+    std::vector<std::string> names;
+    const auto unknown = [&](Eigen::Index i, double scale) { return !(f.error(i) < scale); };
+    if (unknown(0, 0.02)) names.emplace_back("K5");
+    if (!turning || unknown(1, 0.5 * std::max(1.0, std::abs(f.value(1))))) names.emplace_back("K6");
+    if (unknown(2, 0.2 * std::abs(f.value(2)))) names.emplace_back("K7");
+    if (!turning || unknown(3, 0.2 * std::abs(f.value(3)))) names.emplace_back("K8");
+    return names;
 }
 
 std::vector<Amount> directions(const Way& way) {

@@ -42,6 +42,8 @@ struct Rival {
     bool alike = false;   // no motion in this log tells them apart
     bool richer = false;  // has more to choose, and is not surely better for it: the simpler one is named
     double keeps = 0;     // share of the gain that it keeps in the winner's place
+    // A drag that a torque column made from voltage would show; the motors' currents would tell.
+    bool torque_is_voltage = false;
     // Driven with this size it tells them apart best (motions.hpp); null: none is known.
     const Motion* motion = nullptr;
     double motion_size_Nm = 0;
@@ -85,8 +87,9 @@ struct Search {
     std::vector<Detectable> detectable;
     std::vector<Way> members;  // of `after`, in its order: first those of the base
     std::size_t base_members = 0;
-    Fit base;       // without the named effects
-    Fit after;      // with them
+    std::size_t blocks = 0;  // that it was fitted to
+    Fit base;                // without the named effects
+    Fit after;               // with them
     Points points;  // where the effects that are not linear fit best, for a dictionary with a closer look
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
@@ -101,6 +104,12 @@ Search search(const BlockSet& train, const std::vector<Block>& report, const Sea
 
 // The effects of a fit with these members.
 model::EffectSet<double> effects_of(const std::vector<Way>& members, const Fit& fit, const Setting& setting);
+
+// K5..K8 that a fit does not know.
+std::vector<std::string> unknowable(const Fit& fit, bool turning);
+
+// Takes the named effects' parameters and intervals from `after` anew, once that has been refined.
+void take_refined(Search& search, const Setting& setting);
 
 // The columns that an effect's presence is told by.
 std::vector<Amount> directions(const Way& way);

@@ -1,0 +1,52 @@
+#include "tools/gap/free_run.hpp"
+
+#include <cmath>
+
+#include "sim_hal/plant.hpp"
+
+namespace wheelwright::gap {
+
+double free_run(const SimulatedRobot& robot, const Stretch& stretch, const WheelPair<double>& start_rad_per_s,
+                const TakeSpeeds& take) {
+    constexpr double kStep_s = 0.0005;
+    const tools::MeasuredLog& log = *stretch.log;
+    sim::PlantParameters parameters = sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects);
+    parameters.start_s = log.samples[stretch.first].t_s - log.samples.front().t_s;
+    parameters.span_s = log.samples.back().t_s - log.samples.front().t_s;
+    for (std::size_t i = 0; i < stretch.first; ++i) {
+        parameters.start_angle_rad.left += log.period_s * log.samples[i].speed_rad_per_s.left;
+        parameters.start_angle_rad.right += log.period_s * log.samples[i].speed_rad_per_s.right;
+    }
+    const Pose<double> pose{0, 0, stretch.heading_rad};
+    sim::Plant plant(parameters, pose);
+    const auto balanced = [&](WheelPair<double> pair) {
+        if (robot.turning) return pair;
+        const double mean = pair.sum() / 2;
+        return WheelPair<double>{mean, mean};
+    };
+    plant.place(pose, model::twist_from_wheel_speeds(robot.geometry, balanced(start_rad_per_s)));
+    const int steps = static_cast<int>(std::ceil(log.period_s / kStep_s - 1e-9));
+    // What the drives would report of it.
+    constexpr std::size_t kLag = model::find_effect("measurement_lag");
+    const model::Parameters<double> lag =
+        robot.effects.active[kLag] ? robot.effects.parameter[kLag] : model::Parameters<double>{};
+    WheelPair<model::MeasurementLag::Memory<double>> late{{start_rad_per_s.left}, {start_rad_per_s.right}};
+    double sum = 0;
+    for (std::size_t i = stretch.first; i + 1 < stretch.end; ++i) {
+        const WheelPair<double> torque = balanced(log.samples[i].torque_Nm);
+        WheelPair<double> simulated;
+        for (int s = 0; s < steps; ++s) {
+            const double step_s = log.period_s / steps;
+            plant.advance(step_s, torque);
+            const WheelPair<double>& is = plant.wheel_speed_rad_per_s();
+            simulated = {model::MeasurementLag::report_speed(lag, late.left, is.left, step_s),
+                         model::MeasurementLag::report_speed(lag, late.right, is.right, step_s)};
+        }
+        const WheelPair<double>& measured = log.samples[i + 1].speed_rad_per_s;
+        sum += std::pow(simulated.left - measured.left, 2) + std::pow(simulated.right - measured.right, 2);
+        if (take) take(i + 1, simulated);
+    }
+    return sum;
+}
+
+}  // namespace wheelwright::gap

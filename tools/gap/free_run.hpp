@@ -1,0 +1,34 @@
+// A robot of the model, driven by a measured log's torque and compared with its measured wheel speeds.
+#pragma once
+
+#include <cstddef>
+#include <functional>
+
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects.hpp"
+#include "tools/logs/measured_csv.hpp"
+
+namespace wheelwright::gap {
+
+struct SimulatedRobot {
+    model::Geometry<double> geometry;
+    model::Dynamics<double> dynamics;
+    model::EffectSet<double> effects;
+    bool turning = true;  // false: it goes straight, and gets the mean of both wheels
+};
+
+// Samples first .. end - 1 of a log.
+struct Stretch {
+    const tools::MeasuredLog* log = nullptr;
+    std::size_t first = 0, end = 0;
+    double heading_rad = 0;  // at the first
+};
+
+using TakeSpeeds = std::function<void(std::size_t sample, const WheelPair<double>& rad_per_s)>;
+
+// Starts at `start_rad_per_s`, holds the torque between samples, and gives `take` the simulated speeds at
+// each sample but the first. Sum of the squared differences to the measured ones, both wheels.
+double free_run(const SimulatedRobot& robot, const Stretch& stretch, const WheelPair<double>& start_rad_per_s,
+                const TakeSpeeds& take = {});
+
+}  // namespace wheelwright::gap
