@@ -331,6 +331,7 @@ class Analysis {
             s.effects.push_back(named);
         }
         if (s.verdict == Verdict::nothing_missing && !s.effects.empty()) {
+            s.closable_share = std::numeric_limits<double>::quiet_NaN();  // it moves no wheel
             s.verdict = Verdict::named;
             s.reason = "what a sensor reports shows it directly";
         }
@@ -502,17 +503,6 @@ class Analysis {
     void take_models() {
         const Search& s = findings_.search;
         const double track = request_.geometry.track_m;
-        if (getenv("GAP_DEBUG")) {
-            for (const Fit* f : {&s.base, &s.after}) {
-                for (Eigen::Index i = 0; i < f->value.size(); ++i)
-                    fprintf(stderr, " %g+-%g", f->value(i), f->error(i));
-                fprintf(stderr, "  squares %g rows %g\n", f->squares, f->rows);
-            }
-            for (const Block& b : train_.blocks) {
-                fprintf(stderr, "block log %zu %.2f..%.2f rows %d: base %g after %g\n", b.log, b.start_s,
-                        b.end_s, b.rows[0], squares(b, s.base), squares(b, s.after));
-            }
-        }
         findings_.before = dynamics_of(s.base, findings_.turning, track);
         findings_.after = dynamics_of(s.after, findings_.turning, track);
         findings_.after_error = {s.after.error(0), s.after.error(1), s.after.error(2), s.after.error(3)};

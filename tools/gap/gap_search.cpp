@@ -15,9 +15,11 @@ namespace {
 
 constexpr Eigen::Index kFirstAmount = 4;
 constexpr std::size_t kFolds = 5;
-constexpr double kApart = 4;         // standard errors of the difference between left and right
-constexpr double kCloser = 0.95;     // a grid's point must be better than a closer look by more than this
-constexpr double kNormal = 1.96;     // standard errors of a 95 % interval
+constexpr double kApart = 4;      // standard errors of the difference between left and right
+constexpr double kCloser = 0.95;  // a grid's point must be better than a closer look by more than this
+constexpr double kNormal = 1.96;  // standard errors of a 95 % interval
+constexpr double kActs = 0.02;    // power of an effect's columns in a block over that in the block with most
+constexpr std::size_t kFewestActing = 5;
 constexpr double kNoBetter = 1.005;  // share of the gain, kept by a rival with more unknowns, that is chance
 constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
 constexpr double kUnexcited = 1e-4;  // power of a coordinate's column over that of the effect's strongest
@@ -237,6 +239,7 @@ class Searcher {
         Way way{};
         double gain = 0;  // held-out, on the blocks that select
         double probability = 1, rank_probability = 1;
+        std::size_t rank_blocks = 0;  // that the latter is from
         bool confirmed = false, of_interest = false, in_range = false;
     };
 
@@ -301,6 +304,27 @@ class Searcher {
         return best;
     }
 
+    // The blocks' gains without those in which an effect hardly acts: scrub while the robot goes straight.
+    static std::vector<double> where_it_acts(const std::vector<double>& gain, const Blocks& blocks,
+                                             const Way& way) {
+        std::vector<double> power(blocks.size());
+        for (const Amount& amount : directions(way)) {
+            for (const int a : amount.columns) {
+                for (const int b : amount.columns) {
+                    for (std::size_t i = 0; i < blocks.size(); ++i) {
+                        power[i] += blocks[i]->product[kLinear](a, b) + blocks[i]->product[kTurning](a, b);
+                    }
+                }
+            }
+        }
+        const double most = *std::max_element(power.begin(), power.end());
+        std::vector<double> acting;
+        for (std::size_t i = 0; i < gain.size(); ++i) {
+            if (power[i] >= kActs * most) acting.push_back(gain[i]);
+        }
+        return acting;
+    }
+
     Trial attempt(std::size_t effect, const Members& members) const {
         const auto [first, end] = dictionary_.linear_columns(effect);
         std::vector<Way> tried;
@@ -324,7 +348,13 @@ class Searcher {
             std::vector<double> gain(before.size());
             for (std::size_t i = 0; i < gain.size(); ++i) gain[i] = before[i] - after[i];
             t.gain = std::accumulate(gain.begin(), gain.end(), 0.0);
+            const std::vector<double> acting = where_it_acts(gain, select_, way);
             t.rank_probability = signed_rank_probability(gain);
+            t.rank_blocks = gain.size();
+            if (acting.size() >= kFewestActing && signed_rank_probability(acting) < t.rank_probability) {
+                t.rank_probability = signed_rank_probability(acting);
+                t.rank_blocks = acting.size();
+            }
             const Fit selected = fit(select_, shape_of(more));
             t.probability = probability_of_last(select_, more);
             t.in_range = in_range(more, last, selected);
@@ -372,7 +402,7 @@ class Searcher {
     bool acceptable(const Trial& t, std::size_t tested, double closable) const {
         const bool significant =
             t.probability <= kSignificance / double(tested) &&
-            t.rank_probability <= std::max(kSignificance, std::pow(0.5, double(select_.size())) * 1.001);
+            t.rank_probability <= std::max(kSignificance, std::pow(0.5, double(t.rank_blocks)) * 1.001);
         return significant && t.in_range && t.of_interest && t.confirmed && t.gain > 0 &&
                t.gain >= kLeastShareOfClosable * closable && t.gain >= kLeastShareOfAll * closable_at_first_;
     }
@@ -422,7 +452,7 @@ class Searcher {
 
     // Where much is missing and nothing alone is sure, each of two may be beside the other.
     bool add_two(const std::vector<Trial>& trials, double closable) {
-        constexpr std::size_t kBest = 6;
+        constexpr std::size_t kBest = 10;
         double most = 0;
         std::array<Trial, 2> best;
         for (std::size_t i = 0; i < std::min(kBest, trials.size()); ++i) {

@@ -94,7 +94,8 @@ struct Search {
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
     double closable_torque_share = 0, left_torque_share = 0;
-    double closable_share = 0;                    // of the closable gap, closed, on blocks that took no part
+    double closable_share =
+        0;  // of the closable gap, closed, on blocks that took no part; NaN: only sensors err
     double timing_samples = 0, timing_error = 0;  // torque acts later than logged
 };
 
