@@ -8,7 +8,7 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr Eigen::Index kK7 = 2, kK8 = 3, kTiming = 4;
+constexpr Eigen::Index kK7 = 2, kTiming = 4;
 constexpr double kFastest_Hz = 200;  // of the differences that are taken
 constexpr double kClearlyBetter = 0.9;
 constexpr int kMostEvaluations = 60;
@@ -20,6 +20,7 @@ class Misses {
   public:
     // what the solver asks for
     using Scalar = double;
+    // NOLINTNEXTLINE(readability-identifier-naming)
     enum { InputsAtCompileTime = Eigen::Dynamic, ValuesAtCompileTime = Eigen::Dynamic };
     using InputType = Eigen::VectorXd;
     using ValueType = Eigen::VectorXd;
