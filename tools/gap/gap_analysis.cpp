@@ -432,6 +432,11 @@ class Analysis {
     void refine() {
         Search& s = findings_.search;
         constexpr double kSmall = 0.02;  // of the speeds
+        // What has a state of its own (a castor's direction, a gap's side) cannot start in the middle of a
+        // log.
+        for (const Way& way : s.members) {
+            if (way.kind != Way::Kind::linear) return;
+        }
         constexpr double kShot_s = 5;
         const std::vector<Stretch> shots = stretches(training_, kShot_s, request_.geometry);
         for (const bool named : {false, true}) {
