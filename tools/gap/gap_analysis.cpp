@@ -35,9 +35,15 @@ model::Dynamics<double> dynamics_of(const Fit& f, bool turning, double track_m) 
 
 class Analysis {
   public:
-    explicit Analysis(const Request& request) : request_(request) {}
+    explicit Analysis(const Request& request) : request_(request), excluded_(request.without) {}
 
     Findings run() {
+        if (!request_.without.empty()) {
+            std::string names;
+            for (const std::size_t effect : request_.without)
+                names += (names.empty() ? "" : ", ") + std::string(model::kEffects[effect].name);
+            findings_.notes.push_back("not looked for, as was asked: " + names);
+        }
         read();
         if (good()) look();
         if (!good()) return findings_;
@@ -74,6 +80,7 @@ class Analysis {
         request_.progress("free run on the held-out part");
         free_runs();
         curves();
+        std::erase_if(findings_.search.detectable, [&](const Detectable& d) { return left_out(d.effect); });
         return findings_;
     }
 
@@ -107,6 +114,11 @@ class Analysis {
                 }
             }
         }
+    }
+
+    // On request.
+    bool left_out(std::size_t effect) const {
+        return std::find(request_.without.begin(), request_.without.end(), effect) != request_.without.end();
     }
 
     // A closer look must not lose what was found.
@@ -193,6 +205,7 @@ class Analysis {
                              g.track_m;
         findings_.turning = yaw / count > kTurningOverNoise * noise * noise;
         sensors_ = look_at_sensors(logs_, g);
+        std::erase_if(sensors_.effects, [&](const SensorEffect& e) { return left_out(e.effect); });
         if (sensors_.gyro && findings_.turning) {
             findings_.gyro = sensors_.gyro;
             const double slope = sensors_.gyro->slope;
@@ -497,6 +510,7 @@ class Analysis {
             const auto is_back_emf = [](const Rival& r) { return r.effect == kBackEmf; };
             std::erase_if(e.rivals, is_back_emf);
             std::erase_if(e.ruled_out, is_back_emf);
+            if (left_out(kBackEmf)) continue;
             Rival rival;
             rival.effect = kBackEmf;
             rival.alike = rival.torque_is_voltage = true;

@@ -21,6 +21,7 @@ struct Request {
     std::optional<double> heldout_from_s;  // of the last log; else the last fifth of it
     model::Geometry<double> geometry;
     std::optional<model::RobotParameters> robot;  // the given model
+    std::vector<std::size_t> without;             // effects known not to be there; none of `robot`'s
     std::function<void(const std::string&)> progress = [](const std::string&) {};
 };
 
@@ -43,7 +44,7 @@ struct Trace {
 struct Findings {
     std::vector<std::string> problems;  // why a log cannot be used, or is suspect;
                                         // then nothing else is set
-    std::vector<std::string> notes;     // of what a log was left out, and why
+    std::vector<std::string> notes;     // of what was left out of a log or the search, and why
     Search search;
     bool turning = false;  // the turning equation was used
     double duration_s = 0, rate_Hz = 0;

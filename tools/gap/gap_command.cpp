@@ -1,12 +1,15 @@
 // `wheelwright gap`.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <memory>
 #include <optional>
 
+#include "firmware/model/effects.hpp"
 #include "firmware/task/robot_file.hpp"
+#include "firmware/task/robot_file_hints.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/gap/gap_output.hpp"
@@ -19,6 +22,7 @@ namespace {
 struct Options {
     GeometryOptions geometry;
     std::vector<std::string> logs;
+    std::vector<std::string> without;
     std::string model, heldout, out, plant, interface;
     bool close_loop = false;
     bool yes = false;
@@ -36,6 +40,31 @@ std::optional<task::RobotFile> read_robot(const std::string& path) {
         std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
     }
     return std::move(result.robot);
+}
+
+// Why these effects cannot be left out of the search, or "".
+std::string leave_out(const std::vector<std::string>& names, gap::Request& request) {
+    for (const std::string& name : names) {
+        const std::size_t effect = model::find_effect(name);
+        if (effect == model::kEffectCount) {
+            const auto near = [&](const model::EffectInfo& e) { return task::edit_distance(e.name, name); };
+            const auto nearest =
+                std::min_element(model::kEffects.begin(), model::kEffects.end(),
+                                 [&](const auto& a, const auto& b) { return near(a) < near(b); });
+            std::string problem = "--without " + name + ": no effect has this name";
+            if (near(*nearest) <= std::max<std::size_t>(2, name.size() / 3))
+                return problem + "; did you mean " + std::string(nearest->name) + "?";
+            problem += "\nThe effects are";
+            for (const model::EffectInfo& e : model::kEffects) {
+                problem += (&e == &model::kEffects.front() ? " " : ", ") + std::string(e.name);
+            }
+            return problem;
+        }
+        if (request.robot && request.robot->effects.active[effect])
+            return "--without " + name + ": the model given has it";
+        request.without.push_back(effect);
+    }
+    return "";
 }
 
 void close_loop(gap::Findings& findings, const gap::Request& request,
@@ -80,6 +109,8 @@ int gap(const Options& options) {
         }
     }
     if (!options.geometry.apply(request.geometry, !options.model.empty())) return usage(kGeometryMissing);
+    const std::string kept = leave_out(options.without, request);
+    if (!kept.empty()) return usage(kept);
     std::error_code failed;
     std::filesystem::create_directories(options.out, failed);
     if (!std::filesystem::is_directory(options.out))
@@ -132,6 +163,10 @@ void add_gap(CLI::App& program, Run& run) {
     command->add_option("LOG", options->logs, "Logs")->required();
     command->add_option("--model", options->model, "Robot file: geometry, K5..K8 and effects as believed");
     options->geometry.add_to(*command);
+    command
+        ->add_option("--without", options->without,
+                     "Effects known not to be there, by name, with commas between: not looked for")
+        ->delimiter(',');
     command->add_option("--heldout", options->heldout, "A log that is not learned from, but judged on");
     command->add_option("--heldout-from", options->heldout_from_s,
                         "The last log's part from this time on, in seconds");

@@ -180,6 +180,8 @@ std::string json(const Findings& f, const Request& request) {
     }
     out["parameter_shift"] = shift;
     out["unknowable"] = s.unknowable;
+    out["without"] = Json::array();
+    for (const std::size_t effect : request.without) out["without"].push_back(name_of(effect));
     out["where"] = Json::array();
     for (const Place& p : s.where)
         out["where"].push_back({{"place", p.name}, {"explains", number(p.explains)}});

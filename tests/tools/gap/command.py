@@ -88,6 +88,27 @@ class Candump(Rig):
         self.assertEqual([e["name"] for e in found["effects"]], ["coulomb_friction"], out)
         self.assertTrue(any("no encoder frames" in note for note in found["log"]["notes"]), found["log"])
 
+    def test_an_effect_that_is_known_not_to_be_there_is_not_looked_for(self):
+        log = self.simulate(self.plant(self.COULOMB), "c.log", "ident")
+        known = ["coulomb_friction", "stribeck_friction"]
+        found, out = self.gap(log, "--model", self.model, "--without", ",".join(known))
+        self.assertEqual(found["without"], known)
+        self.assertIn("not looked for, as was asked: coulomb_friction, stribeck_friction", out)
+        spoken_of = json.dumps([found["effects"], found["advice"], found["detectable"]])
+        for name in known:
+            self.assertNotIn(name, spoken_of)
+        self.assertIn("quadratic_drag", spoken_of)
+        for names, words in (("coulomb_frction", "did you mean coulomb_friction?"), ("slope,moon", "The effects are"),
+                             ("", "no effect has this name")):
+            status, _, err = run("gap", log, "--model", self.model, "--out", self.path("gap"), "--without", names)
+            self.assertEqual(status, 1, err)
+            self.assertIn(words, err)
+            self.assertLess(len(err.splitlines()[0]), 120)
+        status, _, err = run("gap", log, "--model", os.path.join(ROBOTS, "default.toml"), "--out", self.path("gap"),
+                             "--without", "viscous_friction")
+        self.assertEqual(status, 1, err)
+        self.assertIn("the model given has it", err)
+
     def test_without_a_model_a_candump_log_is_refused(self):
         log = self.write("x.log", "(1.000000) can0 02E#0000000000000000\n")
         status, _, err = run("gap", log, "--out", self.path("gap"))
