@@ -23,6 +23,7 @@
 #include <thread>
 
 #include "firmware/task/write_file.hpp"
+#include "tools/gap_trials/further.hpp"
 #include "tools/gap_trials/hidden/ode_plant.hpp"
 #include "tools/gap_trials/hidden/oracle.hpp"
 #include "tools/gap_trials/own_plant.hpp"
@@ -115,14 +116,14 @@ Ended run_program(const std::vector<std::string>& words, const fs::path& output,
     return ended;
 }
 
-// `words`: the command, without the log and what is told of the robot.
-Finding analyse(const hidden::Trial& trial, const fs::path& log, std::vector<std::string> words,
-                const fs::path& out, double time_limit_s) {
+// `words`: the command, with the logs, without what is told of the robot.
+Finding analyse(const hidden::Trial& trial, std::vector<std::string> words, const fs::path& out,
+                double time_limit_s) {
     fs::remove_all(out);  // what an interrupted run left
     fs::create_directories(out);
     for (const std::string& word :
-         {log.string(), std::string("--wheel-radius"), number(trial.robot.wheel_radius_m),
-          std::string("--track"), number(trial.robot.track_m), std::string("--out"), out.string()}) {
+         {std::string("--wheel-radius"), number(trial.robot.wheel_radius_m), std::string("--track"),
+          number(trial.robot.track_m), std::string("--out"), out.string()}) {
         words.push_back(word);
     }
     const Ended ended = run_program(words, out / "output.txt", time_limit_s);
@@ -148,17 +149,29 @@ fs::path result_of(const fs::path& out, const hidden::ListedTrial& trial) {
     return out / "results" / (trial.plan.id + ".json");
 }
 
-std::optional<Outcome> stored(const fs::path& out, const hidden::ListedTrial& trial) {
+// `further`: one without further analyses is none.
+std::optional<Outcome> stored(const fs::path& out, const hidden::ListedTrial& trial, bool further) {
     const auto json = contents(result_of(out, trial));
     if (!json) return std::nullopt;
     try {
-        return outcome_from_json(*json);
+        Outcome outcome = outcome_from_json(*json);
+        if (further && !outcome.asked_further) return std::nullopt;
+        return outcome;
     } catch (const std::exception&) {
         return std::nullopt;  // cut short: run again
     }
 }
 
 }  // namespace
+
+std::set<std::string> every_nth(const std::vector<hidden::ListedTrial>& trials, std::size_t n) {
+    std::set<std::string> names;
+    std::map<hidden::Kind, std::size_t> count;
+    for (const hidden::ListedTrial& trial : trials) {
+        if (n > 0 && count[trial.plan.kind]++ % n == 0) names.insert(trial.plan.id);
+    }
+    return names;
+}
 
 bool can_analyse(const std::string& analyser) { return ends_well({analyser, "gap", "--help"}); }
 
@@ -171,30 +184,55 @@ bool ends_well(const std::vector<std::string>& words) {
 Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& options) {
     for (const char* folder : {"logs", "labels", "results", "analyses"})
         fs::create_directories(options.out / folder);
-    const hidden::Trial trial = hidden::generate(
-        listed.plan, listed.plant, listed.plant == "own" ? make_own_plant : hidden::make_ode_plant);
+    const hidden::PlantMaker make_plant = listed.plant == "own" ? make_own_plant : hidden::make_ode_plant;
+    const hidden::Trial trial = hidden::generate(listed.plan, listed.plant, make_plant);
     const hidden::OracleVerdict oracle = hidden::ask_oracle(trial);
     const std::string label = hidden::label_text(trial, oracle);
-    const fs::path log = options.out / "logs" / (listed.plan.id + ".csv");
-    const fs::path sealed = options.out / "labels" / (listed.plan.id + ".json");
+    const std::string& id = listed.plan.id;
+    const fs::path log = options.out / "logs" / (id + ".csv");
+    const fs::path sealed = options.out / "labels" / (id + ".json");
     // of an earlier run: not to be read by the analysis, nor taken for this one's
     fs::remove(sealed);
     fs::remove(result_of(options.out, listed));
     write_log(log, hidden::csv_text(trial));
     const fs::path analyses = options.out / "analyses";
     const Finding finding =
-        analyse(trial, log, {options.analyser, "gap"}, analyses / trial.plan.id, options.time_limit_s);
+        analyse(trial, {options.analyser, "gap", log.string()}, analyses / id, options.time_limit_s);
     std::map<std::string, Finding> beside;
     for (std::size_t i = 0; i < options.beside.size(); ++i) {
         const Comparison& other = options.beside[i];
+        std::vector<std::string> words = other.command;
+        words.push_back(log.string());
         beside[other.name] =
-            analyse(trial, log, other.command,
-                    analyses / (trial.plan.id + ".beside-" + std::to_string(i + 1)), options.time_limit_s);
+            analyse(trial, std::move(words), analyses / (id + ".beside-" + std::to_string(i + 1)),
+                    options.time_limit_s);
+    }
+    std::vector<fs::path> written{log};
+    std::map<std::string, Further> further;
+    const bool asks_further = options.further.contains(id);
+    if (asks_further) {
+        const auto write_beside = [&](const std::string& ending, const std::string& text) {
+            written.push_back(options.out / "logs" / (id + "." + ending));
+            write_log(written.back(), text);
+            return written.back();
+        };
+        const auto ask = [&](const std::string& name, const std::vector<fs::path>& logs,
+                             const std::vector<std::string>& more) {
+            std::vector<std::string> words{options.analyser, "gap"};
+            for (const fs::path& path : logs) words.push_back(path.string());
+            words.insert(words.end(), more.begin(), more.end());
+            return analyse(trial, std::move(words), analyses / (id + "." + name), options.time_limit_s);
+        };
+        further = ask_further({trial, oracle, make_plant, finding, log, analyses / id, write_beside, ask});
     }
     write(sealed, label);
-    if (!options.keep_logs) fs::remove(log);
+    if (!options.keep_logs) {
+        for (const fs::path& path : written) fs::remove(path);
+    }
     Outcome outcome = judge(read_label(label), finding);
     outcome.beside = std::move(beside);
+    outcome.asked_further = asks_further;
+    outcome.further = std::move(further);
     write(result_of(options.out, listed), outcome_json(outcome));
     return outcome;
 }
@@ -215,7 +253,8 @@ std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
         for (std::size_t i = next++; i < trials.size() && !failed && !stop(); i = next++) {
             try {
                 std::optional<Outcome> outcome;
-                if (options.resume) outcome = stored(options.out, trials[i]);
+                if (options.resume)
+                    outcome = stored(options.out, trials[i], options.further.contains(trials[i].plan.id));
                 if (!outcome) outcome = run_trial(trials[i], options);
                 const std::scoped_lock lock(mutex);
                 ++state.done;
@@ -249,10 +288,12 @@ std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
     return done;
 }
 
-std::vector<Outcome> stored_outcomes(const std::vector<hidden::ListedTrial>& trials, const fs::path& out) {
+std::vector<Outcome> stored_outcomes(const std::vector<hidden::ListedTrial>& trials, const fs::path& out,
+                                     const std::set<std::string>& further) {
     std::vector<Outcome> outcomes;
     for (const hidden::ListedTrial& trial : trials) {
-        if (auto outcome = stored(out, trial)) outcomes.push_back(std::move(*outcome));
+        if (auto outcome = stored(out, trial, further.contains(trial.plan.id)))
+            outcomes.push_back(std::move(*outcome));
     }
     return outcomes;
 }

@@ -2,13 +2,17 @@
 //
 //   DIR/logs/ID.csv            what the analyst sees; removed after a trial unless kept
 //   DIR/analyses/ID/           what the analyst wrote: gap.json, output.txt and more
+//   DIR/analyses/ID.NAME-1/    the same of a further analysis
 //   DIR/labels/ID.json         the sealed label; written after the analysis, so that nobody can have read it
 //   DIR/results/ID.json        the outcome; a trial that has one is not run again when resuming
+//
+// How a further analysis of a trial is added, further.hpp says.
 #pragma once
 
 #include <cstddef>
 #include <filesystem>
 #include <functional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -31,6 +35,7 @@ struct CampaignOptions {
     bool resume = false;
     bool keep_logs = false;
     std::vector<Comparison> beside;
+    std::set<std::string> further;  // names of the trials that get further analyses
 };
 
 struct Progress {
@@ -39,6 +44,9 @@ struct Progress {
     double elapsed_s = 0;
     std::string last;  // one line about the last trial
 };
+
+// The names of every n-th trial of each kind, from the first one on; n 0: none.
+std::set<std::string> every_nth(const std::vector<hidden::ListedTrial>& trials, std::size_t n);
 
 // Whether `analyser gap --help` ends well.
 bool can_analyse(const std::string& analyser);
@@ -58,8 +66,10 @@ std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
                                 const std::function<void(const Progress&)>& progress,
                                 const std::function<bool()>& stop);
 
-// The outcomes in DIR/results of those trials of the list that have one.
+// The outcomes in DIR/results of those trials of the list that have one; of those in `further`, one with
+// further analyses.
 std::vector<Outcome> stored_outcomes(const std::vector<hidden::ListedTrial>& trials,
-                                     const std::filesystem::path& out);
+                                     const std::filesystem::path& out,
+                                     const std::set<std::string>& further = {});
 
 }  // namespace wheelwright::tools

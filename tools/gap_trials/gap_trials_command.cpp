@@ -48,6 +48,7 @@ struct Options {
     std::string stepwise_log;
     GeometryOptions geometry;
     bool no_stepwise = false;
+    std::size_t further = 0;
     std::string pysindy;
 };
 
@@ -160,6 +161,7 @@ int run_command(const Options& options) {
     settings.time_limit_s = options.time_limit_s;
     settings.resume = options.resume;
     settings.keep_logs = options.keep_logs;
+    settings.further = every_nth(trials, options.further);
     try {
         if (options.merge) {
             const std::vector<Outcome> outcomes = stored_outcomes(trials, settings.out);
@@ -186,7 +188,7 @@ int run_command(const Options& options) {
         if (options.task >= 0) {
             const hidden::ListedTrial& trial = trials[static_cast<std::size_t>(options.task)];
             std::vector<Outcome> kept;
-            if (options.resume) kept = stored_outcomes({trial}, settings.out);
+            if (options.resume) kept = stored_outcomes({trial}, settings.out, settings.further);
             const Outcome outcome = kept.empty() ? run_trial(trial, settings) : std::move(kept.front());
             std::printf("%s %s\n", outcome.truth.id.c_str(), outcome.said.c_str());
             return outcome.finding.verdict == "no_answer" ? kAimMissed : kDone;
@@ -262,6 +264,11 @@ void add_gap_trials(CLI::App& program, Run& run) {
                      "Length of the logs, seconds; without: 30, 45 or 60, drawn")
         ->check(from_to("2", "3600"));
     command->add_flag("--keep-logs", options->keep_logs, "Keep the logs after their analysis");
+    command
+        ->add_option("--further", options->further,
+                     "Analyse every so many-th trial of each kind further (docs/gap-trials.md); 0: none")
+        ->check(from_to("0", "100000"))
+        ->capture_default_str();
     command->add_flag("--no-stepwise", options->no_stepwise, "Leave the stepwise regression out");
     command
         ->add_option("--pysindy", options->pysindy,

@@ -8,6 +8,8 @@
 #include <set>
 #include <stdexcept>
 
+#include "tools/gap_trials/further_measures.hpp"
+
 namespace wheelwright::tools {
 namespace {
 
@@ -44,17 +46,6 @@ std::set<std::string> names_of(const Effects& effects) {
     return names;
 }
 
-double median(std::vector<double> values) {
-    std::sort(values.begin(), values.end());
-    const std::size_t half = values.size() / 2;
-    return values.size() % 2 == 1 ? values[half] : (values[half - 1] + values[half]) / 2;
-}
-
-double quantile(std::vector<double> values, double share) {
-    std::sort(values.begin(), values.end());
-    return values[static_cast<std::size_t>(share * static_cast<double>(values.size() - 1))];
-}
-
 double wrapped(double angle) { return std::remainder(angle, 2 * std::numbers::pi); }
 
 // What an error is measured against: the value; for one of two wheels the RMS of both, as one of them may be
@@ -69,75 +60,7 @@ double scale_of(const Truth::Effect& effect, const std::string& parameter, doubl
     return std::abs(value);
 }
 
-// P(X >= hits) for n tries of probability p.
-double upper_tail(std::size_t hits, std::size_t n, double p) {
-    double sum = 0;
-    const auto dn = static_cast<double>(n);
-    for (std::size_t k = hits; k <= n; ++k) {
-        const auto dk = static_cast<double>(k);
-        sum += std::exp(std::lgamma(dn + 1) - std::lgamma(dk + 1) - std::lgamma(dn - dk + 1) +
-                        (k > 0 ? dk * std::log(p) : 0) + (k < n ? (dn - dk) * std::log1p(-p) : 0));
-    }
-    return sum;
-}
-
-template <typename Below>
-double bisect(Below below) {
-    double low = 0;
-    double high = 1;
-    for (int i = 0; i < 60; ++i) {
-        const double middle = (low + high) / 2;
-        (below(middle) ? low : high) = middle;
-    }
-    return (low + high) / 2;
-}
-
-Measure share(std::string id, std::string meaning, std::size_t hits, std::size_t n, double accept, double aim,
-              bool smaller = false) {
-    Measure m;
-    m.id = std::move(id);
-    m.meaning = std::move(meaning);
-    m.unit = "%";
-    m.hits = hits;
-    m.n = n;
-    m.accept = accept;
-    m.aim = aim;
-    m.smaller_is_better = smaller;
-    if (n > 0) {
-        m.value = 100.0 * static_cast<double>(hits) / static_cast<double>(n);
-        const auto [low, high] = clopper_pearson(hits, n);
-        m.interval = {100 * low, 100 * high};
-    }
-    return m;
-}
-
-Measure figure(std::string id, std::string meaning, std::optional<double> value, std::size_t n,
-               std::string unit, double accept, double aim, bool smaller) {
-    Measure m;
-    m.id = std::move(id);
-    m.meaning = std::move(meaning);
-    m.value = value;
-    m.n = n;
-    m.unit = std::move(unit);
-    m.accept = accept;
-    m.aim = aim;
-    m.smaller_is_better = smaller;
-    return m;
-}
-
 }  // namespace
-
-std::optional<bool> Measure::accepted() const {
-    if (!value) return std::nullopt;
-    const double compared = judged.value_or(*value);
-    return smaller_is_better ? compared <= accept : compared >= accept;
-}
-
-std::optional<bool> Measure::aimed() const {
-    if (!value) return std::nullopt;
-    const double compared = judged.value_or(*value);
-    return smaller_is_better ? compared <= aim : compared >= aim;
-}
 
 Truth read_label(std::string_view json) {
     const Json label = Json::parse(json, nullptr, false);
@@ -337,6 +260,12 @@ std::string outcome_json(const Outcome& o) {
     }
     Json outcome{{"truth", truth}, {"finding", finding_json(o.finding)}};
     for (const auto& [name, finding] : o.beside) outcome["beside"][name] = finding_json(finding);
+    if (o.asked_further) outcome["further"] = Json::object();
+    for (const auto& [name, further] : o.further) {
+        Json& one = outcome["further"][name];
+        one["can_tell"] = further.can_tell;
+        for (const Finding& finding : further.answers) one["answers"].push_back(finding_json(finding));
+    }
     return outcome.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 
@@ -358,16 +287,13 @@ Outcome outcome_from_json(std::string_view json) {
     Outcome outcome = judge(truth, finding_from(f));
     for (const auto& [name, finding] : member(root, "beside").items())
         outcome.beside[name] = finding_from(finding);
+    outcome.asked_further = root.contains("further");
+    for (const auto& [name, one] : member(root, "further").items()) {
+        Further& further = outcome.further[name];
+        further.can_tell = one.value("can_tell", true);
+        for (const Json& finding : member(one, "answers")) further.answers.push_back(finding_from(finding));
+    }
     return outcome;
-}
-
-std::pair<double, double> clopper_pearson(std::size_t hits, std::size_t n) {
-    if (n == 0) return {0, 1};
-    constexpr double kTail = 0.025;
-    const double low = hits == 0 ? 0 : bisect([&](double p) { return upper_tail(hits, n, p) < kTail; });
-    const double high =
-        hits == n ? 1 : bisect([&](double p) { return 1 - upper_tail(hits + 1, n, p) > kTail; });
-    return {low, high};
 }
 
 namespace {
@@ -568,6 +494,8 @@ Summary summarise(const std::vector<Outcome>& outcomes) {
                        worse.size(), "%", 1, 0, true));
     Measure fault = share("log faults", "names given to damaged logs", faults.hits, faults.n, 5, 1, true);
     m.push_back(std::move(fault));
+
+    for (Measure& further : further_measures(outcomes)) m.push_back(std::move(further));
 
     sum.methods = methods_of(outcomes);
     for (auto& [key, cell] : cells) sum.cells.push_back(cell);

@@ -9,6 +9,8 @@
 #include <utility>
 #include <vector>
 
+#include "tools/gap_trials/measures.hpp"
+
 namespace wheelwright::tools {
 
 // What was hidden, read from a label, and what the oracle says.
@@ -69,6 +71,12 @@ struct ParameterError {
     std::optional<bool> covered;  // by the 95 % interval
 };
 
+// What was answered to a further analysis of the trial (further.hpp).
+struct Further {
+    std::vector<Finding> answers;  // in the order asked
+    bool can_tell = true;          // the oracle: each of its logs tells the hidden effects from every rival
+};
+
 // How one trial went.
 struct Outcome {
     Truth truth;
@@ -80,6 +88,8 @@ struct Outcome {
     std::vector<ParameterError> errors;
     std::string said;                       // for the confusion matrix: names joined by "+", or the verdict
     std::map<std::string, Finding> beside;  // of other analyses of the same log, by name
+    bool asked_further = false;
+    std::map<std::string, Further> further;  // by name
 };
 
 // Throws std::runtime_error with one sentence when the text is no label.
@@ -93,28 +103,6 @@ Outcome judge(const Truth& truth, const Finding& finding);
 // A trial's outcome as JSON and back, for resuming and merging. outcome_from_json throws std::runtime_error.
 std::string outcome_json(const Outcome& outcome);
 Outcome outcome_from_json(std::string_view json);
-
-// 95 % interval of a probability after `hits` in `n` (Clopper and Pearson 1934); n 0 gives [0, 1].
-std::pair<double, double> clopper_pearson(std::size_t hits, std::size_t n);
-
-struct Measure {
-    std::string id;  // "A1"
-    std::string meaning;
-    std::optional<double> value;  // nothing: no trial tells
-    std::string unit;
-    std::size_t hits = 0;  // of n, where it is a share
-    std::size_t n = 0;
-    std::optional<std::pair<double, double>> interval;
-    double accept = 0;
-    double aim = 0;
-    bool smaller_is_better = false;
-    std::optional<double> judged;  // what is compared, where that is not the value: a bound
-    std::string remark;
-
-    // Nothing without a value.
-    std::optional<bool> accepted() const;
-    std::optional<bool> aimed() const;
-};
 
 struct TrialCell {
     std::string effect, size, noise;

@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import pathlib
+import re
 import stat
 import subprocess
 import sys
@@ -22,10 +23,10 @@ if sys.argv[1:] == ["gap", "--help"]:
 assert sys.argv[1] == "gap", sys.argv
 log = pathlib.Path(sys.argv[2])
 options = dict(zip(sys.argv[3::2], sys.argv[4::2]))
-assert set(options) == {{"--wheel-radius", "--track", "--out"}}, options
+assert set(options) - {{"--without", "--model"}} == {{"--wheel-radius", "--track", "--out"}}, options
 assert 0.07 < float(options["--wheel-radius"]) < 0.095 and 0.33 < float(options["--track"]) < 0.41
 assert log.read_text().startswith("t_s,tau_left_Nm,")
-labels = log.parent.parent / "labels" / (log.stem + ".json")
+labels = log.parent.parent / "labels" / (log.name.split(".")[0] + ".json")
 assert not labels.exists(), "the label can be read"
 answer = os.environ.get("ANSWER", "nothing_missing")
 if answer == "crash":
@@ -97,6 +98,40 @@ class Trials(unittest.TestCase):
         self.assertEqual(status, 3)
         self.assertRegex(out, r"done +6\n")
 
+    def test_further_analyses_are_asked_resumed_and_merged(self):
+        def further():
+            found = {}
+            for path in (self.out / "results").iterdir():
+                result = json.loads(path.read_text(encoding="utf-8"))
+                if "further" in result:
+                    found[path.stem] = (result["truth"], result["further"])
+            return found
+        trials = ("--sample", 12, "--seed", 3)
+        self.run_trials(*trials, "--task", 0)
+        self.run_trials(*trials, "--task", 1)
+        self.assertEqual(further(), {})
+        status, out, err = self.run_trials(*trials, "--further", 2, "--resume", "--keep-logs")
+        self.assertEqual((status, err), (3, ""), out)
+        asked = further()
+        kinds = [truth["kind"] for truth, _ in asked.values()]
+        every = [json.loads(path.read_text(encoding="utf-8"))["truth"]["kind"] for path in (self.out / "results").iterdir()]
+        for kind in set(every):
+            self.assertEqual(kinds.count(kind), (every.count(kind) + 1) // 2, kind)
+        halved = [name for name, (truth, more) in asked.items() if "halves" in more]
+        self.assertGreater(len(halved), 2)
+        for name in halved:
+            whole, first, second = (list(csv.reader((self.out / "logs" / f"{name}{part}.csv").read_text().splitlines()))
+                                    for part in ("", ".halves-1", ".halves-2"))
+            self.assertEqual(whole[1:], first[1:] + [[f"{float(row[0]) + len(first[1:]) * float(first[2][0]):.6f}", *row[1:]]
+                                                     for row in second[1:]])
+            self.assertEqual(second[1][0], "0.000000")
+        self.assertIn(f"{len(halved)} of all {len(halved)}", re.search(r"D3 halves.*", out)[0])  # always the same answer
+        status, merged, _ = self.run_trials(*trials, "--further", 2, "--merge")
+        self.assertEqual(re.findall(r"D3.*", merged), re.findall(r"D3.*", out))
+        # nothing is asked again
+        status, again, _ = self.run_trials(*trials, "--further", 2, "--resume", answer="silent")
+        self.assertEqual(re.findall(r"D3.*", again), re.findall(r"D3.*", out))
+
     def test_whatever_the_analyser_does_is_an_outcome(self):
         for answer, said in (("crash", "ended by signal 11"), ("silent", "exit status 2"), ("sleep", "longer than"),
                              ("maybe", "no verdict")):
@@ -116,6 +151,7 @@ class Trials(unittest.TestCase):
         self.assertEqual(status(), 1)
         self.assertEqual(status("--out", self.out, "--plant", "moon"), 1)
         self.assertEqual(status("--out", self.out, "--sample", 0), 1)
+        self.assertEqual(status("--out", self.out, "--further", -1), 1)
         self.assertEqual(status("--out", self.out, "--sample", 3, "--campaign"), 1)
         self.assertEqual(status("--out", self.out, "--sample", 3, "--task", 3), 1)
         self.assertEqual(status("--out", self.out, "--every-effect", "--campaign"), 1)

@@ -236,6 +236,37 @@ TEST(TrialsJudge, MeasuresCountWhatTheyClaim) {
     CHECK(text.find("coulomb_friction") != std::string::npos);
 }
 
+TEST(TrialsJudge, TwoLogsOfOneRobotAreAnsweredAlikeOrNot) {
+    const Finding coulomb = read_gap_json(named(kCoulomb));
+    const Finding slope = read_gap_json(named(R"({"name": "slope"})"));
+    const Finding both = read_gap_json(named(R"({"name": "slope"}, )" + kCoulomb));
+    const Finding as_well = read_gap_json(named(kCoulomb + R"(, {"name": "slope"})"));
+    const Finding nothing = read_gap_json(R"({"verdict": "nothing_missing"})");
+    const Finding silent = read_gap_json("");
+    std::vector<Outcome> all;
+    const auto add = [&](const Finding& first, const Finding& second, bool can_tell = true) {
+        Outcome o = judged(label("coulomb_friction"), named(kCoulomb));
+        o.asked_further = true;
+        o.further["halves"] = {{first, second}, can_tell};
+        all.push_back(outcome_from_json(outcome_json(o)));
+    };
+    add(coulomb, coulomb);
+    add(both, as_well);
+    add(nothing, nothing);
+    add(coulomb, slope);
+    add(coulomb, both);
+    add(silent, silent);
+    add(coulomb, nothing, false);
+    all.push_back(judged(label("coulomb_friction"), named(kCoulomb)));
+    const Summary s = summarise(all);
+    LONGS_EQUAL(3, measure(s, "D3 halves").hits);
+    LONGS_EQUAL(6, measure(s, "D3 halves").n);
+    STRCMP_EQUAL("3 of all 7", measure(s, "D3 halves").remark.c_str());
+    CHECK_FALSE(measure(s, "D3 rates").value.has_value());
+    CHECK(all.front().asked_further);
+    CHECK_FALSE(all.back().asked_further);
+}
+
 TEST(TrialsJudge, TooWideIntervalsAreNoCoverageEither) {
     std::vector<Outcome> all;
     const std::string wide =

@@ -38,6 +38,29 @@ Trial generated(const TrialPlan& p) { return generate(p, "ode", make_ode_plant);
 
 TEST_GROUP(HiddenTrial){};
 
+TEST(HiddenTrial, TheSameDriveAtAnotherRate) {
+    TrialPlan p = plan(31, {"slope"}, {Size::medium});
+    p.motions = {Motion::reversals};
+    const Trial trial = generated(p);
+    const Trial again = driven_again(trial, 1000, make_ode_plant);
+    LONGS_EQUAL(4 * trial.samples.size() - 3, again.samples.size());
+    DOUBLES_EQUAL(trial.hidden.effects[0]["angle_rad"], again.hidden.effects[0]["angle_rad"], 0);
+    // the small loop of the driver differs, and so does the noise that it sees
+    double off = 0;
+    double moved = 0;
+    for (std::size_t k = 0; k < trial.samples.size(); ++k) {
+        const Sample& slow = trial.samples[k];
+        const Sample& quick = again.samples[4 * k];
+        DOUBLES_EQUAL(slow.t_s, quick.t_s, 1e-9);
+        off += std::pow(slow.clean_rad_per_s.left - quick.clean_rad_per_s.left, 2);
+        moved += std::pow(slow.clean_rad_per_s.left, 2);
+    }
+    CHECK(off < 0.01 * moved);
+    CHECK(off > 0);
+    // at its own rate it is the same log
+    STRCMP_EQUAL(csv_text(trial).c_str(), csv_text(driven_again(trial, 250, make_ode_plant)).c_str());
+}
+
 TEST(HiddenTrial, EveryEffectReachesItsSize) {
     std::uint64_t seed = 20;
     for (const EffectInfo& info : all_effects()) {

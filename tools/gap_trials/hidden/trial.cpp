@@ -288,6 +288,13 @@ std::string_view name_of(Kind kind) {
 
 namespace {
 
+void take(Run run, Trial& trial) {
+    trial.samples = std::move(run.samples);
+    trial.rms_torque_Nm = run.rms_torque_Nm;
+    trial.complaints = run.complaints;
+    trial.peak_torque_Nm = run.peak_torque_Nm;
+}
+
 Trial drawn(const TrialPlan& plan, std::string_view plant_name, const PlantMaker& make_plant,
             std::uint64_t draw) {
     Trial trial;
@@ -355,10 +362,7 @@ Trial drawn(const TrialPlan& plan, std::string_view plant_name, const PlantMaker
             }
         }
     }
-    trial.samples = std::move(run.samples);
-    trial.rms_torque_Nm = run.rms_torque_Nm;
-    trial.complaints = run.complaints;
-    trial.peak_torque_Nm = run.peak_torque_Nm;
+    take(std::move(run), trial);
     Random damage_random(plan.seed, plan.stream * 4 + 3);
     damage(trial, damage_random);
     return trial;
@@ -374,6 +378,13 @@ Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMa
             if (draw + 1 == kMostDraws) throw;
         }
     }
+}
+
+Trial driven_again(const Trial& trial, double rate_Hz, const PlantMaker& make_plant) {
+    Trial again = trial;
+    again.rate_Hz = rate_Hz;
+    take(drive(again, again.hidden, make_plant), again);
+    return again;
 }
 
 std::string csv_text(const Trial& trial) {

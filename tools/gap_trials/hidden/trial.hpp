@@ -88,6 +88,10 @@ class CannotDraw : public std::runtime_error {
 // third.
 Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMaker& make_plant);
 
+// The same robot with the same effects on the same drive, logged and commanded at another rate: what a slower
+// command holds longer, the robot feels. A divisor of 2000 Hz. Without faults of the log.
+Trial driven_again(const Trial& trial, double rate_Hz, const PlantMaker& make_plant);
+
 // The log as text: t_s,tau_left_Nm,tau_right_Nm,omega_left_rad_s,omega_right_rad_s[,gyro_z_rad_s].
 std::string csv_text(const Trial& trial);
 
