@@ -68,9 +68,10 @@ class OwnPlant final : public hidden::Plant {
         s.heading_rad = plant_.pose().heading_rad;
         s.x_m = plant_.pose().x_m;
         s.y_m = plant_.pose().y_m;
-        s.kinetic_energy_J = plant_.kinetic_energy_J();
         return s;
     }
+
+    double kinetic_energy_J() const override { return plant_.kinetic_energy_J(); }
 
     void advance(double step_s, const hidden::Pair& torque_Nm) override {
         plant_.advance(step_s, {torque_Nm.left, torque_Nm.right});

@@ -6,11 +6,8 @@
 #include <array>
 #include <cmath>
 #include <cstdarg>
-#include <functional>
-#include <map>
 #include <mutex>
 #include <stdexcept>
-#include <string>
 #include <string_view>
 
 namespace wheelwright::hidden {
@@ -116,8 +113,13 @@ class OdePlant final : public Plant {
         s.x_m = axle[0];
         s.y_m = axle[1];
         s.height_m = axle[2];
-        for (const dBodyID body : {body_, wheel_[0], wheel_[1]}) s.kinetic_energy_J += kinetic_energy_J(body);
         return s;
+    }
+
+    double kinetic_energy_J() const override {
+        double energy = 0;
+        for (const dBodyID body : {body_, wheel_[0], wheel_[1]}) energy += kinetic_energy_of(body);
+        return energy;
     }
 
     void advance(double step_s, const Pair& torque_Nm) override {
@@ -132,8 +134,14 @@ class OdePlant final : public Plant {
     }
 
     double effect_rms_Nm(std::string_view effect) const override {
-        const auto found = squares_.find(effect);
-        return found == squares_.end() || steps_ == 0 ? 0 : std::sqrt(found->second / (2 * steps_));
+        double squares = 0;
+        if (effect == "viscous_friction") squares = viscous_squares_;
+        if (effect == "coulomb_friction") squares = coulomb_squares_;
+        if (effect == "stribeck_friction") squares = stribeck_squares_;
+        if (effect == "quadratic_drag") squares = drag_squares_;
+        if (effect == "turning_scrub") squares = scrub_squares_;
+        if (effect == "castor_drag") squares = castor_squares_;
+        return steps_ == 0 ? 0 : std::sqrt(squares / (2 * steps_));
     }
     long complaints() const override { return hidden::complaints - complaints_before_; }
     double slipped_m() const override { return slipped_m_; }
@@ -272,12 +280,12 @@ class OdePlant final : public Plant {
                 const double torque =
                     -(*viscous_)[side == 0 ? "left_Nm_s_per_rad" : "right_Nm_s_per_rad"] * speeds[side];
                 dJointAddHingeTorque(hinge_[side], torque);
-                add_square("viscous_friction", torque);
+                viscous_squares_ += torque * torque;
             }
             double dry = 0;
             if (coulomb_ != nullptr) {
                 dry += (*coulomb_)[side == 0 ? "left_Nm" : "right_Nm"];
-                if (std::abs(speeds[side]) > kTurning_rad_per_s) add_square("coulomb_friction", dry);
+                if (std::abs(speeds[side]) > kTurning_rad_per_s) coulomb_squares_ += dry * dry;
             }
             if (stribeck_ != nullptr) {
                 const double ratio = speeds[side] / (*stribeck_)["stribeck_rad_per_s"];
@@ -285,7 +293,7 @@ class OdePlant final : public Plant {
                 const double torque =
                     coulomb + ((*stribeck_)["static_Nm"] - coulomb) * std::exp(-ratio * ratio);
                 dry += torque;
-                if (std::abs(speeds[side]) > kTurning_rad_per_s) add_square("stribeck_friction", torque);
+                if (std::abs(speeds[side]) > kTurning_rad_per_s) stribeck_squares_ += torque * torque;
             }
             if (dry > 0) {
                 dJointSetHingeParam(hinge_[side], dParamVel, 0);
@@ -306,35 +314,32 @@ class OdePlant final : public Plant {
             dVector3 axle;
             dBodyGetRelPointPos(body_, -cog_ahead_m_, -cog_left_m_, 0, axle);
             dBodyAddForceAtPos(body_, force * forward[0], force * forward[1], 0, axle[0], axle[1], axle[2]);
-            add_squares("quadratic_drag", force, 0);
+            add_squares(force, 0, drag_squares_);
         }
         if (scrub_ != nullptr && std::abs(now.yaw_rate_rad_per_s) > 1e-3) {
-            add_squares("turning_scrub", 0, (*scrub_)["scrub_Nm"]);
+            add_squares(0, (*scrub_)["scrub_Nm"], scrub_squares_);
         }
         if (castor_ != nullptr) {
             // of the last step: what the fork did to the body, about the middle of the axle
             const double ahead = forward[0] * castor_force_.f2[0] + forward[1] * castor_force_.f2[1];
             const double left = forward[0] * castor_force_.f2[1] - forward[1] * castor_force_.f2[0];
-            add_squares("castor_drag", ahead,
-                        left * cog_ahead_m_ - ahead * cog_left_m_ + castor_force_.t2[2]);
+            add_squares(ahead, left * cog_ahead_m_ - ahead * cog_left_m_ + castor_force_.t2[2],
+                        castor_squares_);
         }
     }
 
-    void add_square(std::string_view effect, double torque_Nm) {
-        squares_.try_emplace(std::string(effect), 0.0).first->second += torque_Nm * torque_Nm;
-    }
-
     // A force along the robot and a moment about the vertical, as wheel torques.
-    void add_squares(std::string_view effect, double force_N, double moment_Nm) {
+    void add_squares(double force_N, double moment_Nm, double& squares) const {
         const double common = force_N * robot_.wheel_radius_m / 2;
         const double difference = moment_Nm * robot_.wheel_radius_m / robot_.track_m;
-        add_square(effect, common - difference);
-        add_square(effect, common + difference);
+        squares += (common - difference) * (common - difference);
+        squares += (common + difference) * (common + difference);
     }
 
     void move(double step_s) {
-        touch(wheel_geom_[0], wheel_[0]);
-        touch(wheel_geom_[1], wheel_[1]);
+        const auto forward = direction();
+        touch(wheel_geom_[0], wheel_[0], forward);
+        touch(wheel_geom_[1], wheel_[1], forward);
         touch_castor();
         dWorldStep(world_, step_s);
         dJointGroupEmpty(contacts_);
@@ -356,10 +361,9 @@ class OdePlant final : public Plant {
         return forward[0] * v[0] + forward[1] * v[1];
     }
 
-    void touch(dGeomID wheel, dBodyID body) {
+    void touch(dGeomID wheel, dBodyID body, const std::array<double, 2>& forward) {
         dContact contact{};
         if (dCollide(wheel, ground_, 1, &contact.geom, sizeof(dContactGeom)) == 0) return;
-        const auto forward = direction();
         contact.fdir1[0] = forward[0];
         contact.fdir1[1] = forward[1];
         contact.surface.mode = dContactFDir1 | dContactMu2 | dContactSlip2;
@@ -399,7 +403,7 @@ class OdePlant final : public Plant {
         return {forward[0] / length, forward[1] / length};
     }
 
-    static double kinetic_energy_J(dBodyID body) {
+    static double kinetic_energy_of(dBodyID body) {
         dMass mass;
         dBodyGetMass(body, &mass);
         const dReal* v = dBodyGetLinearVel(body);
@@ -449,7 +453,8 @@ class OdePlant final : public Plant {
     double heading_rad_ = 0;
     double slipped_m_ = 0;
     double travelled_m_ = 0;
-    std::map<std::string, double, std::less<>> squares_;
+    double viscous_squares_ = 0, coulomb_squares_ = 0, stribeck_squares_ = 0;
+    double drag_squares_ = 0, scrub_squares_ = 0, castor_squares_ = 0;
     double steps_ = 0;
 };
 

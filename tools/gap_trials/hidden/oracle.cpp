@@ -7,6 +7,7 @@
 #include <functional>
 #include <limits>
 #include <numbers>
+#include <stdexcept>
 #include <utility>
 
 #include "tools/gap_trials/hidden/electronics.hpp"
@@ -129,6 +130,7 @@ std::vector<double> through_gap(const std::vector<double>& u, const std::vector<
     double wheel = 0;
     for (std::size_t k = 0; k + 1 < u.size(); ++k) {
         double impulse = 0;
+        const double freely = u[k] / inertia * h;
         for (int i = 0; i < steps; ++i) {
             const double speed = w[k] + (w[k + 1] - w[k]) * i / steps;
             const double ahead = motor - wheel;
@@ -138,7 +140,7 @@ std::vector<double> through_gap(const std::vector<double>& u, const std::vector<
                 if (push * ahead < 0) push = 0;
             }
             impulse += push * h;
-            motor_speed += (u[k] - push) / inertia * h;
+            motor_speed += push == 0 ? freely : (u[k] - push) / inertia * h;
             motor += motor_speed * h;
             wheel += speed * h;
         }
@@ -200,10 +202,11 @@ class Viewer {
     void correct_speeds(const Candidate& c) {
         if (c.name == "wheel_radius_mismatch") mismatch_ = c["relative"];
         if (c.name != "measurement_lag") return;
+        const double time_constant_s = c["time_constant_s"];
         for (auto* w : {&wl_, &wr_}) {
             const std::vector<double> reported = *w;
             for (std::size_t k = 1; k + 1 < n_; ++k) {
-                (*w)[k] += c["time_constant_s"] * (reported[k + 1] - reported[k - 1]) / (2 * log_.period_s);
+                (*w)[k] += time_constant_s * (reported[k + 1] - reported[k - 1]) / (2 * log_.period_s);
             }
         }
     }
@@ -217,12 +220,19 @@ class Viewer {
             if (c.name == "backlash") {
                 u = through_gap(u, w, c["half_gap_rad"], c["motor_inertia_kg_m2"], log_.period_s);
             }
-            for (std::size_t k = 0; k < n_; ++k) {
-                if (c.name == "dead_zone") u[k] -= std::clamp(u[k], -c["width_Nm"], c["width_Nm"]);
-                if (c.name == "torque_saturation") u[k] = std::clamp(u[k], -c["limit_Nm"], c["limit_Nm"]);
-                if (c.name == "back_emf_limit") {
-                    const double stall = c["stall_Nm"];
-                    const double share = w[k] / c["no_load_rad_per_s"];
+            if (c.name == "dead_zone") {
+                const double width = c["width_Nm"];
+                for (double& x : u) x -= std::clamp(x, -width, width);
+            }
+            if (c.name == "torque_saturation") {
+                const double limit = c["limit_Nm"];
+                for (double& x : u) x = std::clamp(x, -limit, limit);
+            }
+            if (c.name == "back_emf_limit") {
+                const double stall = c["stall_Nm"];
+                const double no_load = c["no_load_rad_per_s"];
+                for (std::size_t k = 0; k < n_; ++k) {
+                    const double share = w[k] / no_load;
                     u[k] = std::clamp(u[k], std::min(0.0, -stall * (1 + share)),
                                       std::max(0.0, stall * (1 - share)));
                 }
@@ -420,53 +430,75 @@ struct Normal {
         : h(Eigen::MatrixXd::Zero(size, size)), g(Eigen::VectorXd::Zero(size)) {}
 };
 
+// One axis of a view: what is explained, and by what.
+struct Axis {
+    const std::vector<double>& target;
+    const std::vector<double>& smooth;
+    const std::vector<double>& torque;
+    double weight;
+    struct Explaining {
+        const std::vector<double>* values;
+        Eigen::Index at;  // in the normal equations
+        bool integrated;
+        bool held;
+    };
+    std::vector<Explaining> columns = {};  // those that this axis has
+};
+
+Axis axis_of(const View& view, bool turning, const std::vector<double>& smooth, double weight) {
+    Axis axis{turning ? view.w : view.v, smooth, turning ? view.differ : view.sum, weight};
+    for (std::size_t j = 0; j < view.columns.size(); ++j) {
+        const Column& c = view.columns[j];
+        const std::vector<double>& values = turning ? c.turning : c.forward;
+        if (values.empty()) continue;
+        axis.columns.push_back({&values, static_cast<Eigen::Index>(j) + 2, c.integrated, c.held});
+    }
+    return axis;
+}
+
 // Adds the windows of one axis: target and columns, integrated from the window's beginning, without their
-// means.
-void add_axis(const Log& log, const std::vector<double>& target, const std::vector<double>& smooth,
-              const std::vector<double>& torque, const std::vector<Column>& columns, bool turning,
-              double weight, Normal& normal) {
-    const auto size = normal.g.size();
-    const std::size_t n = target.size();
+// means. The size, 2 and the columns', is known to the compiler: most of the oracle's time is spent here.
+template <int kSize>
+void add_windows(const Log& log, const Axis& axis, Normal& normal) {
+    using Vector = Eigen::Matrix<double, kSize, 1>;
+    using Square = Eigen::Matrix<double, kSize, kSize>;
+    const std::size_t n = axis.target.size();
     const auto longest = static_cast<std::size_t>(std::lround(kWindow_s / log.period_s));
     const double dt = log.period_s;
-    Eigen::VectorXd integral(size);
-    Eigen::VectorXd row(size);
-    Eigen::VectorXd mean(size);
-    Eigen::MatrixXd squares(size, size);
-    Eigen::VectorXd products(size);
+    Square all = Square::Zero();
+    Vector all_products = Vector::Zero();
     std::size_t begin = 0;
     while (begin + 4 < n) {
         if (log.standing[begin] != 0) {
             ++begin;
             continue;
         }
-        integral.setZero();
-        mean.setZero();
-        squares.setZero();
-        products.setZero();
+        Vector integral = Vector::Zero();
+        Vector row = Vector::Zero();
+        Vector mean = Vector::Zero();
+        Square squares = Square::Zero();
+        Vector products = Vector::Zero();
         double mean_y = 0;
         double squares_y = 0;
         std::size_t k = begin;
         for (; k < n && k < begin + longest && log.standing[k] == 0; ++k) {
             if (k > begin) {
-                integral[0] += dt * (smooth[k] + smooth[k - 1]) / 2;
-                integral[1] += dt * torque[k - 1];
+                integral[0] += dt * (axis.smooth[k] + axis.smooth[k - 1]) / 2;
+                integral[1] += dt * axis.torque[k - 1];
             }
             row[0] = integral[0];
             row[1] = integral[1];
-            for (std::size_t j = 0; j < columns.size(); ++j) {
-                const auto at = static_cast<Eigen::Index>(j) + 2;
-                const std::vector<double>& c = turning ? columns[j].turning : columns[j].forward;
-                if (c.empty()) {
-                    row[at] = 0;
-                } else if (columns[j].integrated) {
-                    if (k > begin) integral[at] += dt * (columns[j].held ? c[k - 1] : (c[k] + c[k - 1]) / 2);
-                    row[at] = integral[at];
+            for (int i = 2; i < kSize; ++i) {
+                const Axis::Explaining& column = axis.columns[static_cast<std::size_t>(i) - 2];
+                const std::vector<double>& c = *column.values;
+                if (column.integrated) {
+                    if (k > begin) integral[i] += dt * (column.held ? c[k - 1] : (c[k] + c[k - 1]) / 2);
+                    row[i] = integral[i];
                 } else {
-                    row[at] = c[k];
+                    row[i] = c[k];
                 }
             }
-            const double y = target[k] - target[begin];
+            const double y = axis.target[k] - axis.target[begin];
             squares.noalias() += row * row.transpose();
             products.noalias() += y * row;
             mean += row;
@@ -475,12 +507,27 @@ void add_axis(const Log& log, const std::vector<double>& target, const std::vect
         }
         const auto count = static_cast<double>(k - begin);
         if (count > 4) {
-            normal.h += weight * (squares - mean * mean.transpose() / count);
-            normal.g += weight * (products - mean * (mean_y / count));
-            normal.yy += weight * (squares_y - mean_y * mean_y / count);
+            all += axis.weight * (squares - mean * mean.transpose() / count);
+            all_products += axis.weight * (products - mean * (mean_y / count));
+            normal.yy += axis.weight * (squares_y - mean_y * mean_y / count);
         }
         begin = std::max(k, begin + 1);
     }
+    const auto place = [&](int i) { return i < 2 ? i : axis.columns[static_cast<std::size_t>(i) - 2].at; };
+    for (int i = 0; i < kSize; ++i) {
+        normal.g[place(i)] += all_products[i];
+        for (int j = 0; j < kSize; ++j) normal.h(place(i), place(j)) += all(i, j);
+    }
+}
+
+// As many columns as two effects can have.
+constexpr int kMostColumns = 8;
+
+template <int kSize = 2>
+void add_axis(const Log& log, const Axis& axis, Normal& normal) {
+    if (axis.columns.size() + 2 == kSize) return add_windows<kSize>(log, axis, normal);
+    if constexpr (kSize < kMostColumns + 2) return add_axis<kSize + 1>(log, axis, normal);
+    throw std::logic_error("more columns than two effects have");
 }
 
 double unexplained(const Log& log, const std::vector<Candidate>& candidates) {
@@ -499,23 +546,25 @@ double unexplained(const Log& log, const std::vector<Candidate>& candidates) {
     const double turning_scale = log.track_m / (2 * log.radius_m);
     Normal forward(size);
     Normal turning(size);
-    add_axis(log, view.v, squared, view.sum, view.columns, false, forward_scale * forward_scale / variance,
-             forward);
-    add_axis(log, view.w, product, view.differ, view.columns, true, turning_scale * turning_scale / variance,
-             turning);
+    add_axis(log, axis_of(view, false, squared, forward_scale * forward_scale / variance), forward);
+    add_axis(log, axis_of(view, true, product, turning_scale * turning_scale / variance), turning);
     double yy = forward.yy + turning.yy;
     if (log.gyro) {
         const double weight = 1 / (log.sigma_gyro * log.sigma_gyro);
-        Eigen::VectorXd row = Eigen::VectorXd::Zero(size);
         for (std::size_t k = 0; k < view.w.size(); ++k) {
             const double y = log.yaw[k] - view.w[k];
-            for (std::size_t j = 0; j < extra; ++j) {
-                const std::vector<double>& c = view.columns[j].gyro;
-                row[static_cast<Eigen::Index>(j) + 2] = c.empty() ? 0 : c[k];
-            }
-            turning.h.noalias() += weight * row * row.transpose();
-            turning.g.noalias() += weight * y * row;
             yy += weight * y * y;
+        }
+        for (std::size_t i = 0; i < extra; ++i) {
+            const std::vector<double>& a = view.columns[i].gyro;
+            for (std::size_t k = 0; k < a.size(); ++k) {
+                turning.g[static_cast<Eigen::Index>(i) + 2] += weight * (log.yaw[k] - view.w[k]) * a[k];
+            }
+            for (std::size_t j = 0; j < extra; ++j) {
+                const std::vector<double>& b = view.columns[j].gyro;
+                double& sum = turning.h(static_cast<Eigen::Index>(i) + 2, static_cast<Eigen::Index>(j) + 2);
+                for (std::size_t k = 0; k < std::min(a.size(), b.size()); ++k) sum += weight * a[k] * b[k];
+            }
         }
     }
     // Unknowns: K5, K7, K6, K8, then one for each column; the ties by iteration, from the base model's ratio.

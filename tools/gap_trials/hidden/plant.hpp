@@ -16,7 +16,6 @@ struct PlantState {
     double heading_rad = 0;
     double x_m = 0, y_m = 0;  // of the middle of the axle
     double height_m = 0;
-    double kinetic_energy_J = 0;
 };
 
 class Plant {
@@ -27,6 +26,7 @@ class Plant {
     virtual ~Plant() = default;
 
     virtual PlantState state() const = 0;
+    virtual double kinetic_energy_J() const = 0;
     // One step with these torques between body and wheels.
     virtual void advance(double step_s, const Pair& torque_Nm) = 0;
     // RMS over both wheels and all steps so far of what a mechanical effect did, as torque at the wheels: to

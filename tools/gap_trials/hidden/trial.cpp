@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
-#include <cstdio>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <stdexcept>
+#include <system_error>
 
 #include "tools/gap_trials/hidden/electronics.hpp"
 #include "tools/gap_trials/hidden/random.hpp"
@@ -208,10 +209,11 @@ Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_pl
     double torque_squares = 0;
     double speed_squares = 0;
     double drag_squares = 0;
+    PlantState now = plant->state();
     for (std::size_t k = 0; k < samples; ++k) {
         Sample s;
         s.t_s = static_cast<double>(k) / trial.rate_Hz;
-        s.truth = plant->state();
+        s.truth = now;
         s.clean_rad_per_s = report.reported(s.truth.wheel_speed_rad_per_s);
         s.clean_gyro_rad_per_s = s.truth.yaw_rate_rad_per_s + gyro_bias;
         const auto measured = [&](double value) {
@@ -235,9 +237,9 @@ Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_pl
         if (k + 1 == samples) break;
         for (std::size_t i = 0; i < per_sample; ++i) {
             const double t_s = s.t_s + static_cast<double>(i) * kStep_s;
-            const PlantState now = i == 0 ? s.truth : plant->state();
             plant->advance(kStep_s, path.shaft_torque_Nm(t_s, kStep_s, now));
-            report.advance(kStep_s, plant->state().wheel_speed_rad_per_s);
+            now = plant->state();
+            report.advance(kStep_s, now.wheel_speed_rad_per_s);
         }
     }
     const double n = 2 * static_cast<double>(samples);
@@ -336,7 +338,12 @@ Trial drawn(const TrialPlan& plan, std::string_view plant_name, const PlantMaker
     if (infos.empty()) {
         run = drive(trial, {}, make_plant);
     } else {
-        const Run without = drive(trial, {}, make_plant);
+        // An effect whose size is its parameter needs no numbers of the robot without it.
+        Run without;
+        if (std::any_of(infos.begin(), infos.end(),
+                        [](const EffectInfo* info) { return info->kind != SizeKind::value; })) {
+            without = drive(trial, {}, make_plant);
+        }
         std::vector<Sizing> sizings;
         for (std::size_t i = 0; i < infos.size(); ++i) {
             sizings.emplace_back(*infos[i], infos[i]->sizes[static_cast<std::size_t>(plan.sizes.at(i))],
@@ -391,17 +398,22 @@ std::string csv_text(const Trial& trial) {
     std::string text = "t_s,tau_left_Nm,tau_right_Nm,omega_left_rad_s,omega_right_rad_s";
     text += trial.gyro ? ",gyro_z_rad_s\n" : "\n";
     text.reserve(trial.samples.size() * 72);
-    std::array<char, 200> line{};
+    const auto add = [&text](double value, char end) {
+        constexpr int kDigits = 6;
+        std::array<char, 64> number{};
+        const auto written = std::to_chars(number.data(), number.data() + number.size(), value,
+                                           std::chars_format::fixed, kDigits);
+        if (written.ec != std::errc{}) throw std::runtime_error("a number too large for a log");
+        text.append(number.data(), written.ptr);
+        text += end;
+    };
     for (const Sample& s : trial.samples) {
-        int length =
-            std::snprintf(line.data(), line.size(), "%.6f,%.6f,%.6f,%.6f,%.6f", s.t_s, s.torque_Nm.left,
-                          s.torque_Nm.right, s.speed_rad_per_s.left, s.speed_rad_per_s.right);
-        text.append(line.data(), static_cast<std::size_t>(length));
-        if (trial.gyro) {
-            length = std::snprintf(line.data(), line.size(), ",%.6f", s.gyro_rad_per_s);
-            text.append(line.data(), static_cast<std::size_t>(length));
-        }
-        text += '\n';
+        add(s.t_s, ',');
+        add(s.torque_Nm.left, ',');
+        add(s.torque_Nm.right, ',');
+        add(s.speed_rad_per_s.left, ',');
+        add(s.speed_rad_per_s.right, trial.gyro ? ',' : '\n');
+        if (trial.gyro) add(s.gyro_rad_per_s, '\n');
     }
     return text;
 }
