@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <string_view>
 #include <tuple>
 #include <utility>
 
@@ -55,16 +56,90 @@ void rates(const Asked& asked, Further& further) {
     if (rate_Hz == kSlow_Hz) std::swap(further.answers[0], further.answers[1]);
 }
 
+// The only effect of a trial that the oracle calls identifiable; else null.
+const hidden::HiddenEffect* the_effect(const Asked& asked) {
+    const bool single = asked.trial.plan.kind == hidden::Kind::single && asked.oracle.identifiable;
+    return single ? &asked.trial.hidden.effects.front() : nullptr;
+}
+
+// A7: the same log, and an analyser that does not know the hidden effect, nor what holds it as a special
+// case.
+void held_out(const Asked& asked, Further& further) {
+    constexpr double kNearlyAsWell = 0.1;
+    constexpr std::array<std::pair<std::string_view, const char*>, 2> kSpecialCases{
+        {{"coulomb_friction", "stribeck_friction"}, {"torque_saturation", "back_emf_limit"}}};
+    const hidden::HiddenEffect* effect = the_effect(asked);
+    if (effect == nullptr || asked.trial.plan.sizes.front() == hidden::Size::mild) return;
+    // no gap is left where no wheel is moved
+    if (effect->name == "gyro_bias" || effect->name == "encoder_quantisation") return;
+    const hidden::OracleVerdict& o = asked.oracle;
+    further.can_tell =
+        o.unexplained_rival - o.unexplained_true >= kNearlyAsWell * (o.unexplained_none - o.unexplained_true);
+    std::string names = effect->name;
+    for (const auto& [special, general] : kSpecialCases) {
+        if (effect->name == special) names.append(",").append(general);
+    }
+    further.answers = {asked.analyse("held_out", {asked.log}, {"--without", names})};
+}
+
+bool named_exactly(const Finding& finding, const std::string& effect) {
+    return finding.verdict == "named" && finding.effects.size() == 1 &&
+           finding.effects.front().name == effect;
+}
+
+std::string line(const std::string& key, double value) {
+    std::array<char, 40> text{};
+    std::snprintf(text.data(), text.size(), " = %.12g\n", value);
+    return key + text.data();
+}
+
+// C2: the same log beside the true model, of which gap.json tells how well it runs.
+void true_model(const Asked& asked, Further& further) {
+    const hidden::HiddenEffect* effect = the_effect(asked);
+    if (effect == nullptr || !named_exactly(asked.finding, effect->name)) return;
+    const std::filesystem::path model = asked.write("true_model.toml", true_model_toml(asked.trial));
+    further.answers = {asked.analyse("true_model", {asked.log}, {"--model", model.string()})};
+}
+
 struct Question {
     const char* name;
     void (*ask)(const Asked&, Further&);
 };
 constexpr std::array kFurther{
-    Question{"halves", halves},
-    Question{"rates", rates},
+    Question{"halves", halves}, Question{"rates", rates}, Question{"held_out", held_out},
+    Question{"true_model", true_model},  // last: it tells the truth
 };
 
 }  // namespace
+
+std::string true_model_toml(const Trial& trial) {
+    const hidden::Robot& robot = trial.robot;
+    const double r = robot.wheel_radius_m;
+    const double mass = robot.effective_mass_kg();
+    double inertia = robot.effective_inertia_kg_m2();
+    const double moment = robot.mass_kg * robot.cog_ahead_m;
+    std::string effects;
+    for (const hidden::HiddenEffect& effect : trial.hidden.effects) {
+        effects += "\n[effects." + effect.name + "]\n";
+        for (auto [name, value] : effect.parameters) {
+            if (trial.plant == "ode") {
+                // where the catalogue takes the mass of K7, the wheels' rotation included, for the body's
+                if (name == "angle_rad") value = std::asin(std::sin(value) * robot.mass_kg / mass);
+                if (name == "offset_m") {
+                    inertia += robot.mass_kg * value * value;
+                    value *= robot.mass_kg / mass;
+                }
+                if (name == "friction_coefficient")
+                    value *= robot.mass_kg / mass * (1 - robot.cog_ahead_m / robot.castor_ahead_m);
+            }
+            effects += line(name, value);
+        }
+    }
+    return "[geometry]\n" + line("wheel_radius_m.left", r) + line("wheel_radius_m.right", r) +
+           line("track_m", robot.track_m) + "\n[dynamics]\n" + line("k5_m", moment / mass) +
+           line("k6_per_m", -moment / inertia) + line("k7_per_kg_m", 1 / (mass * r)) +
+           line("k8_per_kg_m2", robot.track_m / (2 * r * inertia)) + effects;
+}
 
 std::map<std::string, Further> ask_further(const Asked& asked) {
     std::map<std::string, Further> all;

@@ -38,4 +38,8 @@ struct Asked {
 
 // Asks all that apply to this trial; those that do not are left out.
 std::map<std::string, Further> ask_further(const Asked& asked);
+// The true robot of a trial as a robot file, by the catalogue's conventions: K5..K8 of its masses, its
+// effects.
+std::string true_model_toml(const hidden::Trial& trial);
+
 }  // namespace wheelwright::tools

@@ -138,6 +138,15 @@ Finding read_gap_json(std::string_view json) {
         heldout.contains("wheel_speed_rms_rad_s") ? heldout["wheel_speed_rms_rad_s"] : heldout;
     finding.heldout_before_rad_per_s = number(speeds, "before");
     finding.heldout_after_rad_per_s = number(speeds, "after");
+    constexpr double kWindow_s = 5;
+    for (const Json& window : member(heldout, "windows")) {
+        if (!window.is_object() || number(window, "window_s") != kWindow_s) continue;
+        finding.window_after_rad_per_s = number(window, "after");
+        finding.window_nominal_rad_per_s = number(window, "nominal");
+    }
+    for (const Json& place : member(root, "where")) {
+        if (place.is_object() && !text(place, "place").empty()) finding.where.push_back(text(place, "place"));
+    }
     for (const Json& name : member(root, "expressible")) {
         if (name.is_string()) finding.expressible.push_back(name.get<std::string>());
     }
@@ -166,6 +175,9 @@ Json finding_json(const Finding& f) {
             {{"name", effect.name}, {"parameters", parameters}, {"rivals", effect.rivals}});
     }
     if (!f.expressible.empty()) finding["expressible"] = f.expressible;
+    for (const std::string& place : f.where) finding["where"].push_back({{"place", place}});
+    if (f.window_after_rad_per_s) finding["window_after"] = *f.window_after_rad_per_s;
+    if (f.window_nominal_rad_per_s) finding["window_nominal"] = *f.window_nominal_rad_per_s;
     return finding;
 }
 
@@ -175,6 +187,8 @@ Finding finding_from(const Json& f) {
     finding.memory_bytes = number(f, "memory_bytes").value_or(0);
     finding.heldout_before_rad_per_s = number(f, "before");
     finding.heldout_after_rad_per_s = number(f, "after");
+    finding.window_after_rad_per_s = number(f, "window_after");
+    finding.window_nominal_rad_per_s = number(f, "window_nominal");
     if (finding.verdict == "no_answer") finding.problem = text(f, "problem");
     return finding;
 }
@@ -496,6 +510,7 @@ Summary summarise(const std::vector<Outcome>& outcomes) {
     m.push_back(std::move(fault));
 
     for (Measure& further : further_measures(outcomes)) m.push_back(std::move(further));
+    sum.held_out = held_out(outcomes);
 
     sum.methods = methods_of(outcomes);
     for (auto& [key, cell] : cells) sum.cells.push_back(cell);

@@ -52,6 +52,10 @@ struct Finding {
     // Free run over the unseen part, base model and extended one.
     std::optional<double> heldout_before_rad_per_s;
     std::optional<double> heldout_after_rad_per_s;
+    // The same over windows of 5 s: the extended model, and the given one where one was given.
+    std::optional<double> window_after_rad_per_s;
+    std::optional<double> window_nominal_rad_per_s;
+    std::vector<std::string> where;  // places where model and measurement part, the most telling first
     double seconds = 0;
     double memory_bytes = 0;
     std::string problem;                   // why there is no answer
@@ -74,7 +78,7 @@ struct ParameterError {
 // What was answered to a further analysis of the trial (further.hpp).
 struct Further {
     std::vector<Finding> answers;  // in the order asked
-    bool can_tell = true;          // the oracle: each of its logs tells the hidden effects from every rival
+    bool can_tell = true;          // the oracle: its logs tell what is asked
 };
 
 // How one trial went.
@@ -151,6 +155,13 @@ struct MethodRow {
     double seconds = 0;         // of processor time, mean
 };
 
+// One trial whose effect was held out of the library (A7).
+struct HeldOut {
+    std::string id, hidden, size, said;
+    std::string where;  // the first two places
+    std::string judgement;
+};
+
 struct Summary {
     std::vector<Measure> measures;
     std::vector<TrialCell> cells;       // of single effects
@@ -162,6 +173,7 @@ struct Summary {
     std::size_t unanswered = 0;
     std::size_t wrong_names = 0;  // confidently wrong, of all trials
     std::vector<TrialLine> trials;
+    std::vector<HeldOut> held_out;
     std::vector<MethodRow> methods;  // the judged analysis, kStepwise, kPysindy
 };
 

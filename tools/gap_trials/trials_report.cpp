@@ -167,6 +167,18 @@ Report trials_report(const Summary& summary, const TrialsRun& run, const PlantSu
                     cell(row.alarms), cell(row.wrong), number_text(row.seconds, 3)});
     }
 
+    if (!summary.held_out.empty()) {
+        report.section("held_out", "Effects held out of the library: what was said instead");
+        report.table("held_out", {{"hidden", "hidden"},
+                                  {"size", "size"},
+                                  {"said", "said"},
+                                  {"where", "where"},
+                                  {"judgement", "judgement"},
+                                  {"id", "trial"}});
+        for (const HeldOut& one : summary.held_out)
+            report.row({one.hidden, one.size, one.said, one.where, one.judgement, one.id});
+    }
+
     report.section("worst", "Worst cells");
     report.table("cells", {{"effect", "effect"}, {"size", "size"}, {"noise", "noise"}, {"exact", "exact"}});
     for (const TrialCell& cell : worst_cells(summary)) {
@@ -262,6 +274,25 @@ void write_trials_page(const Summary& summary, const TrialsRun& run, const std::
         by_effect.rows.push_back(std::move(cells));
     }
     effects.table(std::move(by_effect));
+
+    if (!summary.held_out.empty()) {
+        report::Section& unknown = page.section("Effects held out of the library");
+        unknown.text(
+            "What was said by an analysis that did not know the hidden effect. Right is: unexplained, and a "
+            "place "
+            "that tells of it.");
+        report::Table lines;
+        lines.columns = {{"hidden"}, {"size"}, {"said"}, {"where"}, {"judgement"}};
+        lines.stack_when_narrow = true;
+        for (const HeldOut& one : summary.held_out) {
+            const bool counted = one.judgement.rfind("not counted", 0) != 0;
+            const report::Tone tone = !counted                   ? report::Tone::quiet
+                                      : one.judgement == "right" ? report::Tone::good
+                                                                 : report::Tone::bad;
+            lines.rows.push_back({one.hidden, one.size, one.said, one.where, {one.judgement, tone}});
+        }
+        unknown.table(std::move(lines));
+    }
 
     report::Section& confusion = page.section("What was said of what");
     report::Table said;

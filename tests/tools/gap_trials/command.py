@@ -36,7 +36,7 @@ if answer == "sleep":
 if answer == "silent":
     sys.exit(2)
 pathlib.Path(options["--out"], "gap.json").write_text(json.dumps({{"verdict": answer, "effects": []}}))
-print("seen", log)
+print("seen", log, sys.argv)
 """
 
 
@@ -125,6 +125,12 @@ class Trials(unittest.TestCase):
             self.assertEqual(whole[1:], first[1:] + [[f"{float(row[0]) + len(first[1:]) * float(first[2][0]):.6f}", *row[1:]]
                                                      for row in second[1:]])
             self.assertEqual(second[1][0], "0.000000")
+        held_out = {name: truth["effects"][0]["name"] for name, (truth, more) in asked.items() if "held_out" in more}
+        self.assertTrue(held_out)
+        for name, effect in held_out.items():
+            seen = (self.out / "analyses" / f"{name}.held_out" / "output.txt").read_text(encoding="utf-8")
+            self.assertRegex(seen, rf"'--without', '{effect}[,']")
+            self.assertRegex(out, rf"{effect} +\w+ +nothing_missing +.*{name}")
         self.assertIn(f"{len(halved)} of all {len(halved)}", re.search(r"D3 halves.*", out)[0])  # always the same answer
         status, merged, _ = self.run_trials(*trials, "--further", 2, "--merge")
         self.assertEqual(re.findall(r"D3.*", merged), re.findall(r"D3.*", out))

@@ -267,6 +267,71 @@ TEST(TrialsJudge, TwoLogsOfOneRobotAreAnsweredAlikeOrNot) {
     CHECK_FALSE(all.back().asked_further);
 }
 
+TEST(TrialsJudge, AnEffectHeldOutOfTheLibraryIsUnexplainedAtARightPlace) {
+    std::vector<Outcome> all;
+    const auto add = [&](const std::string& effect, const std::string& answer, bool can_tell = true) {
+        Outcome o = judged(label(effect), named(kCoulomb));
+        o.asked_further = true;
+        o.further["held_out"] = {{read_gap_json(answer)}, can_tell};
+        all.push_back(outcome_from_json(outcome_json(o)));
+    };
+    const auto unexplained = [](const std::string& first, const std::string& second) {
+        return R"({"verdict": "unexplained", "effects": [{"name": "dead_zone"}], "where": [{"place": ")" +
+               first + R"(", "explains": 0.9}, {"place": ")" + second +
+               R"(", "explains": 0.8}, {"place": "heading", "explains": 0.7}]})";
+    };
+    add("coulomb_friction", unexplained("time", "low wheel speed"));
+    add("slope", unexplained("heading", "time"));
+    add("slope", unexplained("torque", "time"));  // heading is only the third
+    add("slope", R"({"verdict": "unexplained", "where": []})");
+    add("viscous_friction", named(kCoulomb));
+    add("viscous_friction", R"({"verdict": "nothing_missing", "where": [{"place": "wheel speed"}]})");
+    add("viscous_friction", R"({"verdict": "cannot_tell", "effects": [{"name": "quadratic_drag"}]})");
+    add("viscous_friction", "");
+    add("transport_delay", named(R"({"name": "actuator_lag"})"), false);
+    const Summary s = summarise(all);
+    LONGS_EQUAL(2, measure(s, "A7").hits);
+    LONGS_EQUAL(8, measure(s, "A7").n);
+    STRCMP_EQUAL("1 named wrongly, 1 found nothing, 1 cannot tell; 1 not counted",
+                 measure(s, "A7").remark.c_str());
+    LONGS_EQUAL(9, s.held_out.size());
+    STRCMP_EQUAL("time, low wheel speed", s.held_out[0].where.c_str());
+    STRCMP_EQUAL("unexplained", s.held_out[0].said.c_str());
+    STRCMP_EQUAL("wrong place", s.held_out[2].judgement.c_str());
+    STRCMP_EQUAL("coulomb_friction", s.held_out[4].said.c_str());
+    STRCMP_EQUAL("no answer", s.held_out[7].judgement.c_str());
+    STRCMP_CONTAINS("not counted: a rival does nearly as well",
+                    trials_report(s, {"sample", 1, all.size()}).text().c_str());
+}
+
+TEST(TrialsJudge, TheFreeRunIsMeasuredAgainstTheTrueModels) {
+    const auto windows = [](double after, const std::string& nominal) {
+        return R"({"verdict": "named", "effects": [{"name": "coulomb_friction"}], "gap": {"heldout": {"windows": [
+            {"window_s": 1.0, "after": 0.3, "nominal": 0.1},
+            {"window_s": 5.0, "after": )" +
+               std::to_string(after) + R"(, "nominal": )" + nominal + R"(}]}}})";
+    };
+    std::vector<Outcome> all;
+    const auto add = [&](const std::string& effect, double after, const std::string& nominal) {
+        Outcome o = judged(label(effect), windows(after, "null"));
+        o.asked_further = true;
+        o.further["true_model"] = {{read_gap_json(windows(7, nominal))}, true};
+        all.push_back(outcome_from_json(outcome_json(o)));
+    };
+    add("coulomb_friction", 0.12, "0.1");
+    add("coulomb_friction", 0.2, "0.1");
+    add("coulomb_friction", 0.15, "0.1");
+    add("coulomb_friction", 0.15, "null");
+    add("slope", 0.9, "0.1");  // another name was given
+    const Summary s = summarise(all);
+    LONGS_EQUAL(3, measure(s, "C2").n);
+    DOUBLES_EQUAL(1.5, *measure(s, "C2").value, 1e-9);
+    CHECK_FALSE(*measure(s, "C2").accepted());
+    STRCMP_EQUAL("90th percentile 1.5, most 2", measure(s, "C2").remark.c_str());
+    CHECK_FALSE(measure(summarise({}), "C2").value.has_value());
+    CHECK_FALSE(measure(summarise({}), "A7").value.has_value());
+}
+
 TEST(TrialsJudge, TooWideIntervalsAreNoCoverageEither) {
     std::vector<Outcome> all;
     const std::string wide =
