@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "tools/gap_trials/advised.hpp"
 #include "tools/gap_trials/hidden/oracle.hpp"
 
 namespace wheelwright::tools {
@@ -106,8 +107,8 @@ struct Question {
     void (*ask)(const Asked&, Further&);
 };
 constexpr std::array kFurther{
-    Question{"halves", halves}, Question{"rates", rates}, Question{"held_out", held_out},
-    Question{"true_model", true_model},  // last: it tells the truth
+    Question{"advised", drive_advised}, Question{"halves", halves},         Question{"rates", rates},
+    Question{"held_out", held_out},     Question{"true_model", true_model},  // last: it tells the truth
 };
 
 }  // namespace

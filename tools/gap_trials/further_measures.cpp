@@ -144,10 +144,47 @@ Measure free_run_over_oracle(const std::vector<Outcome>& outcomes) {
     return m;
 }
 
+bool resolved(const Outcome& outcome, const Further& further) {
+    if (further.answers.size() != 2) return false;  // it could not be driven
+    const Finding& after = further.answers.back();
+    std::set<std::string> hidden;
+    for (const Truth::Effect& effect : outcome.truth.effects) hidden.insert(effect.name);
+    if (names_of(after) != hidden) return false;
+    for (const Finding::Effect& effect : after.effects) {
+        for (const std::string& rival : effect.rivals) {
+            const auto was_asked = [&](const std::string& name) {
+                return std::find(further.apart.begin(), further.apart.end(), name) != further.apart.end();
+            };
+            if (was_asked(effect.name) && was_asked(rival)) return false;
+        }
+    }
+    return true;
+}
+
+Measure told_apart(const std::vector<Outcome>& outcomes) {
+    Share pairs;
+    std::size_t others = 0;
+    for (const Outcome& o : outcomes) {
+        const Further* further = further_of(o, "advised");
+        if (further == nullptr) continue;
+        if (further->can_tell) {
+            pairs.add(resolved(o, *further));
+        } else {
+            ++others;
+        }
+    }
+    constexpr double kAccept = 80;
+    constexpr double kAim = 95;
+    Measure m = share("A9", "the advised motion, driven next, tells the rivals apart", pairs.hits, pairs.n,
+                      kAccept, kAim);
+    if (others > 0) m.remark = std::to_string(others) + " more hide none of these";
+    return m;
+}
+
 }  // namespace
 
 std::vector<Measure> further_measures(const std::vector<Outcome>& outcomes) {
-    return {places_of_the_unknown(outcomes), free_run_over_oracle(outcomes),
+    return {places_of_the_unknown(outcomes), told_apart(outcomes), free_run_over_oracle(outcomes),
             same_answers(outcomes, "halves", "D3 halves", "same verdict and names from each half of a log"),
             same_answers(outcomes, "rates", "D3 rates", "same verdict and names at 1000 and 250 Hz")};
 }

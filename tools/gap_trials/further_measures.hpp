@@ -12,6 +12,9 @@
 // D3: two logs of one robot are answered alike when the verdict is the same and, where names are given, these
 //   are the same set. Counted are trials of which the oracle says that each of the two logs can tell; how it
 //   is with all stands in the remark.
+// A9: of the trials that hide one of the effects which the advised motion is to tell apart, those whose
+//   second answer, to all logs, is `named` with exactly what is hidden, and lists none of those effects
+//   as a rival of another any more.
 #pragma once
 
 #include <vector>

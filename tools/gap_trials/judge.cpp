@@ -278,6 +278,8 @@ std::string outcome_json(const Outcome& o) {
     for (const auto& [name, further] : o.further) {
         Json& one = outcome["further"][name];
         one["can_tell"] = further.can_tell;
+        if (!further.apart.empty()) one["apart"] = further.apart;
+        if (!further.driven.empty()) one["driven"] = further.driven;
         for (const Finding& finding : further.answers) one["answers"].push_back(finding_json(finding));
     }
     return outcome.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
@@ -305,6 +307,8 @@ Outcome outcome_from_json(std::string_view json) {
     for (const auto& [name, one] : member(root, "further").items()) {
         Further& further = outcome.further[name];
         further.can_tell = one.value("can_tell", true);
+        for (const Json& effect : member(one, "apart")) further.apart.push_back(effect.get<std::string>());
+        further.driven = one.value("driven", "");
         for (const Json& finding : member(one, "answers")) further.answers.push_back(finding_from(finding));
     }
     return outcome;

@@ -79,6 +79,9 @@ struct ParameterError {
 struct Further {
     std::vector<Finding> answers;  // in the order asked
     bool can_tell = true;          // the oracle: its logs tell what is asked
+    // Where motions were driven to tell effects apart (advised.hpp): these, and the motions.
+    std::vector<std::string> apart = {};
+    std::string driven = {};
 };
 
 // How one trial went.

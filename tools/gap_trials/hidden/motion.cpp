@@ -112,18 +112,49 @@ Driver::Twist Driver::reference(const Segment& s, double t) const {
     return {};
 }
 
+Driver::Twist Driver::twist(const Pair& measured) const {
+    const double r = robot_.wheel_radius_m;
+    return {r * (measured.left + measured.right) / 2, r * (measured.right - measured.left) / robot_.track_m};
+}
+
+double TorqueProgramme::duration_s() const {
+    double sum = kRest_s;
+    for (const Push& push : pushes) sum += push.duration_s + halt_s;
+    return sum;
+}
+
+Pair Driver::command(const TorqueProgramme& programme, double t_s, const Pair& measured) {
+    double t = t_s - kRest_s;
+    if (t < 0) return {0, 0};
+    const Twist now = twist(measured);
+    for (std::size_t i = 0; i < programme.pushes.size(); ++i) {
+        const TorqueProgramme::Push& push = programme.pushes[i];
+        if (t < push.duration_s) {
+            if (std::abs(now.v_m_per_s) > programme.fastest_m_per_s ||
+                std::abs(now.yaw_rad_per_s) > programme.fastest_yaw_rad_per_s) {
+                too_fast_ = i + 1;
+            }
+            if (too_fast_ > i) break;
+            const Pair torque = push.torque_Nm(t);
+            const double limit = robot_.torque_limit_Nm;
+            return {std::clamp(torque.left, -limit, limit), std::clamp(torque.right, -limit, limit)};
+        }
+        t -= push.duration_s + programme.halt_s;
+        if (t < 0) break;
+    }
+    return from_torques(-torque_per_forward() * gain_per_s_ * now.v_m_per_s,
+                        -torque_per_yaw() * gain_per_s_ * now.yaw_rad_per_s);
+}
+
 Pair Driver::command(double t_s, const Pair& measured) {
     if (t_s < kRest_s) return {0, 0};
     const double since_s = t_s - kRest_s;
     const auto index = std::min(segments_.size() - 1, static_cast<std::size_t>(since_s / segment_s_));
     const Segment& s = segments_[index];
     const double t = since_s - static_cast<double>(index) * segment_s_;
-    const double r = robot_.wheel_radius_m;
-    const double v = r * (measured.left + measured.right) / 2;
-    const double yaw = r * (measured.right - measured.left) / robot_.track_m;
-    // torque of each wheel per forward and per yaw acceleration
-    const double per_forward = robot_.effective_mass_kg() * r / 2;
-    const double per_yaw = robot_.effective_inertia_kg_m2() * r / robot_.track_m;
+    const auto [v, yaw] = twist(measured);
+    const double per_forward = torque_per_forward();
+    const double per_yaw = torque_per_yaw();
     // A turn at full torque would be far quicker than a push: half of it is enough, and the tyres hold.
     const double push = s.amplitude * robot_.torque_limit_Nm * 0.6;
     const double turn = s.amplitude * robot_.torque_limit_Nm * 0.3;

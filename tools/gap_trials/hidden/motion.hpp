@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <functional>
 #include <string_view>
 #include <vector>
 
@@ -17,6 +18,22 @@ inline constexpr std::array kMotions{Motion::prbs,         Motion::multisine, Mo
                                      Motion::spin};
 std::string_view name_of(Motion motion);
 
+// What else a robot may be driven through: wheel torques that somebody has worked out, one push after the
+// other, each followed by a halt.
+struct TorqueProgramme {
+    struct Push {
+        std::function<Pair(double t_s)> torque_Nm;  // t_s from the push's beginning
+        double duration_s = 0;
+    };
+    std::vector<Push> pushes;
+    double halt_s = 0;  // brought to rest
+    // A push in which the robot gets faster than this ends.
+    double fastest_m_per_s = 0;
+    double fastest_yaw_rad_per_s = 0;
+
+    double duration_s() const;  // with the rest before it
+};
+
 // The driver: knows the robot's nominal mass, sees what the log will hold, commands wheel torques. The first
 // three motions are torques with a weak pull towards rest, the others speeds that a small control loop
 // follows.
@@ -28,6 +45,9 @@ class Driver {
     // The command at t_s for the wheel speeds as measured; within the robot's torque limit. Call with growing
     // t_s.
     Pair command(double t_s, const Pair& measured_rad_per_s);
+
+    // The same of a programme instead of the motions, that being what a log then consists of.
+    Pair command(const TorqueProgramme& programme, double t_s, const Pair& measured_rad_per_s);
 
   private:
     struct Sine {
@@ -52,6 +72,12 @@ class Driver {
         double yaw_rad_per_s = 0;
     };
 
+    Twist twist(const Pair& measured_rad_per_s) const;
+    // Torque of each wheel per forward and per yaw acceleration.
+    double torque_per_forward() const { return robot_.effective_mass_kg() * robot_.wheel_radius_m / 2; }
+    double torque_per_yaw() const {
+        return robot_.effective_inertia_kg_m2() * robot_.wheel_radius_m / robot_.track_m;
+    }
     Segment draw(Motion motion, Random& random) const;
     Pair from_torques(double forward, double turning) const;
     Twist reference(const Segment& segment, double t_s) const;
@@ -60,6 +86,7 @@ class Driver {
     std::vector<Segment> segments_;
     double segment_s_;
     double gain_per_s_;
+    std::size_t too_fast_ = 0;  // pushes of a programme up to which the robot was too fast in the last one
 };
 
 }  // namespace wheelwright::hidden

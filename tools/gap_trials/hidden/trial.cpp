@@ -18,6 +18,7 @@ namespace {
 constexpr double kStep_s = 5e-4;  // of the plant
 constexpr int kMostRuns = 8;
 constexpr std::uint64_t kMostDraws = 3;
+constexpr std::uint64_t kAnotherNoise = std::uint64_t{1} << 56U;  // added to the seed
 
 // The part of a run that the sizes are told from.
 struct Run {
@@ -186,11 +187,14 @@ class Sizing {
     double last_scale_ = 1;
 };
 
-Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_plant) {
+// `programme`: what is driven instead of the trial's motions, with a noise of its own.
+Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_plant,
+          const TorqueProgramme* programme = nullptr) {
     const Noise& noise = kNoises[trial.plan.noise];
     // The same driver and the same noise in every run of a trial.
     Random driver_random(trial.plan.seed, trial.plan.stream * 4 + 1);
-    Random noise_random(trial.plan.seed, trial.plan.stream * 4 + 2);
+    Random noise_random(trial.plan.seed + (programme != nullptr ? kAnotherNoise : 0),
+                        trial.plan.stream * 4 + 2);
     Driver driver(trial.robot, trial.motions, trial.duration_s, driver_random);
     const std::unique_ptr<Plant> plant = make_plant(trial.robot, hidden);
     TorquePath path(hidden, trial.duration_s);
@@ -204,7 +208,8 @@ Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_pl
 
     Run run;
     const auto per_sample = static_cast<std::size_t>(std::lround(1 / (trial.rate_Hz * kStep_s)));
-    const auto samples = static_cast<std::size_t>(std::lround(trial.duration_s * trial.rate_Hz)) + 1;
+    const double duration_s = programme != nullptr ? programme->duration_s() : trial.duration_s;
+    const auto samples = static_cast<std::size_t>(std::lround(duration_s * trial.rate_Hz)) + 1;
     run.samples.reserve(samples);
     double torque_squares = 0;
     double speed_squares = 0;
@@ -222,7 +227,8 @@ Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_pl
         s.speed_rad_per_s.left = measured(s.clean_rad_per_s.left);
         s.speed_rad_per_s.right = measured(s.clean_rad_per_s.right);
         s.gyro_rad_per_s = s.clean_gyro_rad_per_s + noise.gyro_rad_per_s * noise_random.gaussian();
-        s.torque_Nm = driver.command(s.t_s, s.speed_rad_per_s);
+        s.torque_Nm = programme != nullptr ? driver.command(*programme, s.t_s, s.speed_rad_per_s)
+                                           : driver.command(s.t_s, s.speed_rad_per_s);
         path.command(s.t_s, s.torque_Nm);
         for (const double torque : {s.torque_Nm.left, s.torque_Nm.right}) {
             torque_squares += torque * torque;
@@ -391,6 +397,13 @@ Trial driven_again(const Trial& trial, double rate_Hz, const PlantMaker& make_pl
     Trial again = trial;
     again.rate_Hz = rate_Hz;
     take(drive(again, again.hidden, make_plant), again);
+    return again;
+}
+
+Trial driven_through(const Trial& trial, const TorqueProgramme& programme, const PlantMaker& make_plant) {
+    Trial again = trial;
+    take(drive(trial, trial.hidden, make_plant, &programme), again);
+    again.duration_s = programme.duration_s();
     return again;
 }
 

@@ -92,6 +92,11 @@ Trial generate(const TrialPlan& plan, std::string_view plant_name, const PlantMa
 // command holds longer, the robot feels. A divisor of 2000 Hz. Without faults of the log.
 Trial driven_again(const Trial& trial, double rate_Hz, const PlantMaker& make_plant);
 
+// The same robot with the same effects, driven anew from rest through a programme, with a noise of its own.
+// Effects of which the parameters tell a time or a share of the log (payload_step, gain_drift) begin anew.
+// Without faults of the log.
+Trial driven_through(const Trial& trial, const TorqueProgramme& programme, const PlantMaker& make_plant);
+
 // The log as text: t_s,tau_left_Nm,tau_right_Nm,omega_left_rad_s,omega_right_rad_s[,gyro_z_rad_s].
 std::string csv_text(const Trial& trial);
 
