@@ -26,6 +26,7 @@ void foretell(Excitation& e, const model::RobotParameters& robot) {
             const WheelPair<double> torque = e.torque_at(round, t);
             plant.advance(kStep_s, torque);
             const Twist<double> u = plant.twist();
+            if (e.too_fast(u)) break;
             e.speed_m_per_s = std::max(e.speed_m_per_s, std::abs(u.v_m_per_s));
             e.yaw_rate_rad_per_s = std::max(e.yaw_rate_rad_per_s, std::abs(u.omega_rad_per_s));
             e.torque_Nm = std::max({e.torque_Nm, std::abs(torque.left), std::abs(torque.right)});
@@ -90,11 +91,17 @@ Excitation plan_excitation(const Advice& advice, const model::RobotParameters& r
                e.yaw_rate_rad_per_s <= kOfLimit * robot.limits.yaw_rate_rad_per_s &&
                e.torque_Nm <= robot.limits.torque_Nm;
     };
+    e.speed_limit_m_per_s = kEndOfLimit * robot.limits.speed_m_per_s;
+    e.yaw_rate_limit_rad_per_s = kEndOfLimit * robot.limits.yaw_rate_rad_per_s;
     for (foretell(e, robot); !fits() && e.size_Nm > kSmallestShare * advice.torque_Nm; foretell(e, robot)) {
         e.size_Nm *= kSmaller;
     }
-    e.speed_limit_m_per_s = kEndOfLimit * robot.limits.speed_m_per_s;
-    e.yaw_rate_limit_rad_per_s = kEndOfLimit * robot.limits.yaw_rate_rad_per_s;
+    if (!fits()) {
+        // With a bias or on a slope it rolls away whatever the size: rounds will end early.
+        e.size_Nm = advice.torque_Nm;
+        for (foretell(e, robot); e.torque_Nm > robot.limits.torque_Nm; foretell(e, robot))
+            e.size_Nm *= kSmaller;
+    }
     return e;
 }
 

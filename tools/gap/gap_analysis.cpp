@@ -472,16 +472,31 @@ class Analysis {
         s.unknowable = unknowable(s.after, findings_.turning);
     }
 
-    // What would tell the named ones from their rivals: the motion in which they
-    // are least alike.
+    // As found, and for what this log cannot show some robot's: motions must be simulated with something.
+    model::Dynamics<double> whole_dynamics() const {
+        const Search& s = findings_.search;
+        const double track_m = request_.geometry.track_m;
+        model::Dynamics<double> k = dynamics_of(s.after, findings_.turning, track_m);
+        const auto unknown = [&](const char* name) {
+            return std::find(s.unknowable.begin(), s.unknowable.end(), name) != s.unknowable.end();
+        };
+        if (unknown("K5") || unknown("K6")) k.k5_m = k.k6_per_m = 0;
+        if (unknown("K7")) {
+            k.k7_per_kg_m = k.k8_per_kg_m2 * track_m / 4;
+        } else if (unknown("K8")) {
+            k.k8_per_kg_m2 = 4 * k.k7_per_kg_m / track_m;
+        }
+        return k;
+    }
+
+    // What would tell the named ones from their rivals: a motion.
     void refine_names() {
         const Search& s = findings_.search;
         Confusion c;
         c.setting = dictionary_->setting();
-        c.setting.dynamics = dynamics_of(s.base, findings_.turning, request_.geometry.track_m);
+        c.setting.dynamics = whole_dynamics();
         c.points = s.points;
         c.effects = effects_of(s.members, s.after, dictionary_->setting());
-        c.base = s.base;
         c.members = s.members;
         c.torque_rms_Nm = train_.torque_rms_Nm;
         c.speed_rms_rad_per_s = speed_rms_;

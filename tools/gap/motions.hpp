@@ -29,8 +29,7 @@ struct Confusion {
     Setting setting;
     Points points;                     // of effects that are not linear
     model::EffectSet<double> effects;  // with the one named
-    Fit base;                          // without it
-    std::vector<Way> members;          // with it: whether left and right are one parameter
+    std::vector<Way> members;          // of that model: whether left and right are one parameter
     double torque_rms_Nm = 0;          // that the robot was driven with, and
     double speed_rms_rad_per_s = 0;    // the wheel speeds it had: no motion goes beyond twice that
     WheelPair<double> noise_rad_per_s;
@@ -39,7 +38,7 @@ struct Separation {
     const Motion* motion = nullptr;  // null: none of them
     double size_Nm = 0;
 };
-// The motion in which the two are least alike.
+// The motion that the rival explains worst when the robot is what was named.
 Separation separating_motion(const Confusion& confusion);
 
 }  // namespace wheelwright::gap
