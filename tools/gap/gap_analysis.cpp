@@ -62,6 +62,8 @@ class Analysis {
             if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
             const Points points = findings_.search.points;
             Pass before{findings_.search, *dictionary_, std::move(train_), std::move(report_)};
+            ++closer_looks_;
+            look_closer_at_events();
             make(found, points, again < kBroadPasses);
             look_for_effects();
             keep_what_was_not_tried(before.search);
@@ -278,17 +280,43 @@ class Analysis {
         options.base = base_effects();
         options.given = given_;
         options.excluded = excluded_;
+        for (const NamedEffect& e : findings_.search.effects) options.confirmed.push_back(e.effect);
         options.turning = findings_.turning;
         findings_.search = search(train_, report_.blocks, options);
+    }
+
+    // Times of events are tried closer together, but not much closer than they can be told apart.
+    void look_closer_at_events() {
+        constexpr double kFirst = 1 / 72.0;  // of the log: a quarter of how far the first look's points are apart
+        constexpr double kCloser = 4;
+        constexpr double kOfError = 0.75;
+        const Setting& setting = dictionary_->setting();
+        double next_s = event_spacing_s_ > 0 ? event_spacing_s_ / kCloser : kFirst * setting.span_s;
+        if (event_spacing_s_ > 0) next_s = std::max(next_s, kOfError * event_error_s());
+        event_spacing_s_ = std::max(next_s, 2 * setting.period_s);
+    }
+    double event_error_s() const {
+        for (const NamedEffect& e : findings_.search.effects) {
+            if (e.effect == model::find_effect("payload_step")) return e.unmoved[0];
+        }
+        return 0;
     }
 
     // Whether the effects found lie where their columns were made: a tenth of a standard error.
     bool near_enough() const {
         const Search& s = findings_.search;
+        const double event_s = event_error_s();
+        if (event_s > 0 && event_spacing_s_ > std::max(event_s, 2 * dictionary_->setting().period_s)) return false;
         for (const NamedEffect& e : s.effects) {
+            for (const Rival& r : e.rivals) {
+                if (r.coarse && !r.alike) return false;
+            }
             for (const Way& way : s.members) {
                 if (way.effect != e.effect || way.kind == Way::Kind::linear) continue;
-                if (way.kind == Way::Kind::grid) return false;
+                if (way.kind == Way::Kind::grid) {
+                    if (dictionary_->can_focus(way.effect)) return false;
+                    continue;
+                }
                 for (std::size_t j = 0; j < e.parameters.size(); ++j) {
                     if (std::abs(e.parameters[j].value - way.at[j]) > 0.2 * e.parameters[j].standard_error)
                         return false;
@@ -359,6 +387,8 @@ class Analysis {
             }
         }
         setting.period_s = logs_.front().period_s;
+        setting.closer_looks = closer_looks_;
+        setting.event_spacing_s = event_spacing_s_;
         return setting;
     }
 
@@ -715,6 +745,8 @@ class Analysis {
     std::vector<std::size_t> excluded_;
     BlockSet train_, report_;
     double speed_rms_ = 0;
+    int closer_looks_ = 0;
+    double event_spacing_s_ = 0;
     std::optional<Dictionary> dictionary_;
     double peak_torque_Nm_ = 0, peak_speed_rad_per_s_ = 0;
     std::vector<std::vector<double>> heading_;

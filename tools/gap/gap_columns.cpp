@@ -19,9 +19,9 @@ WheelPair<double> pair_for(const Setting& s, double forward_m_per_s, double turn
     return {(sum - difference) / 2, (sum + difference) / 2};
 }
 
-// Mean sign of a speed that goes straight from a to b.
-double mean_sign(double a, double b) {
-    const double size = std::abs(a) + std::abs(b);
+// Mean sign of a speed that goes straight from a to b; less of one where it is below `least`.
+double mean_sign(double a, double b, double least = 0) {
+    const double size = std::abs(a) + std::abs(b) + 2 * least;
     return size > 0 ? (a + b) / size : 0.0;
 }
 
@@ -66,21 +66,68 @@ class StribeckTerm : public Contribution {
     Parameters<double> p_;
 };
 
+// Where the fork of a castor of this arm and trail points along a log: what all the columns of it share.
+class CastorPath {
+  public:
+    CastorPath(const Parameters<double>& p, const Setting& s) : p_(p), geometry_(s.geometry) {}
+
+    // Wheel torques of one unit of friction in wheel (0) and pivot (1) over an interval.
+    const std::array<WheelPair<double>, 2>& over(const Interval& i) {
+        if (i.t_s == at_s_) return torque_;
+        const auto twist = [&](const WheelPair<double>& w) {
+            return model::twist_from_wheel_speeds(geometry_, w);
+        };
+        const Twist<double> u = twist(i.speed());
+        const std::array before = sliding(twist(i.before));
+        Castor::advance(p_, fork_, u, i.dt_s / 2);
+        std::array<model::BodyForce<double>, 2> direction;
+        for (unsigned j = 0; j < 2; ++j) direction[j] = Castor::direction(j, p_, fork_);
+        Castor::advance(p_, fork_, u, i.dt_s / 2);
+        const std::array after = sliding(twist(i.after));
+        for (unsigned j = 0; j < 2; ++j) {
+            const double friction = -mean_sign(before[j], after[j], j == 0 ? 0.0 : kHardlyTurning_rad_per_s);
+            torque_[j] = model::wheel_torque_Nm(
+                geometry_, model::BodyForce<double>{friction * direction[j].force_N,
+                                                    friction * direction[j].yaw_torque_Nm});
+        }
+        at_s_ = i.t_s;
+        return torque_;
+    }
+    bool is(const Parameters<double>& p) const { return p[2] == p_[2] && p[3] == p_[3]; }
+
+  private:
+    using Castor = model::CastorDrag;
+    // A fork that trails straight turns by what the wheels' noise makes of a yaw rate, to and fro.
+    static constexpr double kHardlyTurning_rad_per_s = 0.05;
+
+    std::array<double, 2> sliding(const Twist<double>& u) const {
+        return {Castor::sliding(Castor::direction(0, p_, fork_), u),
+                Castor::sliding(Castor::direction(1, p_, fork_), u)};
+    }
+
+    Parameters<double> p_;
+    model::Geometry<double> geometry_;
+    Castor::Memory<double> fork_;
+    double at_s_ = -1e300;
+    std::array<WheelPair<double>, 2> torque_;
+};
+
 class CastorTerm : public Contribution {
   public:
-    CastorTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s) {}
+    CastorTerm(const Parameters<double>& p, const Setting& s)
+        : p_(p), path_(std::make_shared<CastorPath>(p, s)) {}
     WheelPair<double> over(const Interval& i) override {
-        model::Motion<double> motion;
-        motion.wheel_speed_rad_per_s = i.speed();
-        motion.twist = model::twist_from_wheel_speeds(s_.geometry, motion.wheel_speed_rad_per_s);
-        const model::EffectContext<double> context{motion, i.torque, s_.geometry, s_.dynamics};
-        return model::wheel_torque_Nm(s_.geometry, model::CastorDrag::push(p_, memory_, context, i.dt_s));
+        const auto& unit = path_->over(i);
+        return {p_[0] * unit[0].left + p_[1] * unit[1].left, p_[0] * unit[0].right + p_[1] * unit[1].right};
+    }
+    // Goes by another's path where that is the same.
+    void share(const CastorTerm& other) {
+        if (other.path_->is(p_)) path_ = other.path_;
     }
 
   private:
     Parameters<double> p_;
-    Setting s_;
-    model::CastorDrag::Memory<double> memory_;
+    std::shared_ptr<CastorPath> path_;
 };
 
 class CogLateralTerm : public Contribution {
@@ -150,10 +197,13 @@ class SlipTerm : public Contribution {
     Setting s_;
 };
 
+// p[3], which the catalogue does not have: how far the load lies ahead of where the robot's mass seems to be.
 class PayloadTerm : public Contribution {
   public:
     PayloadTerm(const Parameters<double>& p, const Setting& s)
-        : p_(p), s_(s), loaded_(model::PayloadStep::loaded(p, s.geometry, s.dynamics)) {}
+        : p_(p),
+          s_(s),
+          loaded_(model::PayloadStep::loaded(p, s.geometry, s.dynamics, s.dynamics.k5_m + p[3])) {}
     WheelPair<double> over(const Interval& i) override {
         const double after = std::clamp((i.t_s + i.dt_s - p_[0]) / i.dt_s, 0.0, 1.0);
         if (after == 0) return {};
@@ -247,6 +297,12 @@ struct Grid {
     std::function<Parameters<double>(const Parameters<double>&, const Eigen::VectorXd&)> parameters;
     std::function<bool(const Eigen::VectorXd&)> plausible;
     std::array<double, model::kMaxEffectParameters> step{};  // for slopes at a focus; 0: this one is not free
+    // At a focus: a change of what is no parameter of the effect, but unknown too, and how many of it may be
+    // expected; 0: nothing is.
+    Parameters<double> beside{};
+    double expected = 0;
+    // Foci around what was found, that itself last: for a parameter that slopes are too short-sighted for.
+    std::function<std::vector<Parameters<double>>(const Parameters<double>&)> closer = {};
     // At a focus: still this effect, and not the special case of it that another one is.
     std::function<bool(const Parameters<double>&)> itself = [](const Parameters<double>&) { return true; };
 };
@@ -288,8 +344,17 @@ Grid grid_of<model::CastorDrag>(const Setting& s) {
               [](const Eigen::VectorXd& a) { return a(0) > 0; },
               {0.01, 0.001, 0.01, 0.002}};
     for (const double arm : {-0.6, 0.45, 0.65, 0.9}) {
-        for (const double trail : {0.02, 0.04})
+        for (const double trail : {0.02, 0.03, 0.042})
             grid.points.push_back({0, 0, arm * s.geometry.track_m, trail});
+    }
+    // the trail has minima beside the right one
+    const double spread = s.closer_looks > 0 ? std::pow(4.0, -s.closer_looks) : 0.0;
+    if (spread > 0.01) {
+        grid.closer = [=](const Parameters<double>& at) {
+            return std::vector<Parameters<double>>{{at[0], at[1], at[2], at[3] * (1 - spread)},
+                                                   {at[0], at[1], at[2], at[3] * (1 + spread)},
+                                                   at};
+        };
     }
     return grid;
 }
@@ -376,8 +441,19 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
         [=](const Eigen::VectorXd& a) {
             return a(0) > -5 && a(1) > -5 && a(0) + a(1) > 0 && kLost * std::max(a(0), a(1)) < 0.5;
         },
-        {s.span_s / 40, mass / 100, inertia / 100}};
+        {0, mass / 100, inertia / 100}};
     for (int i = 2; i <= 16; ++i) grid.points.push_back({s.span_s * i / 18});
+    grid.beside = {0, 0, 0, 0.01};
+    grid.expected = 0.03;
+    if (s.event_spacing_s == 0) return grid;
+    grid.closer = [=](const Parameters<double>& at) {
+        std::vector<Parameters<double>> points;
+        for (const int i : {-4, 4, -3, 3, -2, 2, -1, 1, 0}) {
+            points.push_back({std::clamp(at[0] + i * s.event_spacing_s, 0.02 * s.span_s, 0.98 * s.span_s),
+                              at[1], at[2]});
+        }
+        return points;
+    };
     return grid;
 }
 template <>
@@ -595,14 +671,21 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids)
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (linear_[i].first != linear_[i].second) continue;
         const auto found = focus.find(i);
-        if (grids || found != focus.end()) add_grid(i);
-        if (found != focus.end() && grid_of(i, setting_).step != decltype(Grid::step){}) {
-            add_focus(i, found->second);
+        const Grid grid = grid_of(i, setting_);
+        if (found != focus.end() && grid.closer) {
+            for (const Parameters<double>& at : grid.closer(found->second)) add_focus(i, at);
+            continue;
         }
+        if (grids || found != focus.end()) add_grid(i);
+        if (found != focus.end() && can_focus(i)) add_focus(i, found->second);
     }
     rich_.first = static_cast<int>(columns_.size());
     for (const Rich& rich : kRich) columns_.push_back({model::kEffectCount, rich.place});
     rich_.second = static_cast<int>(columns_.size());
+}
+
+bool Dictionary::can_focus(std::size_t effect) const {
+    return grid_of(effect, setting_).step != decltype(Grid::step){};
 }
 
 std::size_t Dictionary::term(std::size_t effect, const Parameters<double>& p) {
@@ -649,12 +732,29 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
         way.free.push_back(j);
         way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / (up[j] - down[j])})}});
     }
+    if (grid.beside != Parameters<double>{}) {
+        Parameters<double> up = at;
+        Parameters<double> down = at;
+        double step = 0;
+        for (std::size_t j = 0; j < at.size(); ++j) {
+            up[j] += grid.beside[j];
+            down[j] -= grid.beside[j];
+            step += 2 * grid.beside[j];
+        }
+        way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / step})}, grid.expected});
+    }
     ways_[effect].push_back(way);
 }
 
 Dictionary::Walker::Walker(const Dictionary& dictionary) : dictionary_(dictionary) {
-    for (const Term& t : dictionary.terms_)
+    std::vector<CastorTerm*> castors;
+    for (const Term& t : dictionary.terms_) {
         term_.push_back(contribution(t.effect, t.parameters, dictionary.setting_));
+        auto* castor = dynamic_cast<CastorTerm*>(term_.back().get());
+        if (castor == nullptr) continue;
+        for (const CastorTerm* other : castors) castor->share(*other);
+        castors.push_back(castor);
+    }
     now_.resize(term_.size());
 }
 

@@ -39,6 +39,8 @@ struct Setting {
     double peak_torque_Nm = 1, peak_speed_rad_per_s = 1;
     double span_s = 60, period_s = 0.001;
     double turned_rad = 1e9;  // from the least to the greatest angle of a wheel
+    int closer_looks = 0;        // so far, with this one
+    double event_spacing_s = 0;  // between times at which an event is tried in a closer look
 
     double effective_mass_kg() const { return 1 / (dynamics.k7_per_kg_m * geometry.mean_radius_m()); }
     double effective_inertia_kg_m2() const {
@@ -64,6 +66,7 @@ struct Column {
 // Columns that share one unknown amount. Several columns: they are equal (left and right).
 struct Amount {
     std::vector<int> columns;
+    double expected = 0;  // the size that it may be expected to have; 0: nothing is known of it
     bool operator==(const Amount&) const = default;
 };
 
@@ -106,6 +109,8 @@ class Dictionary {
     // First and one past the last.
     std::pair<int, int> linear_columns(std::size_t effect) const { return linear_[effect]; }
     std::pair<int, int> rich_columns() const { return rich_; }
+    // Whether an effect that is not linear can be looked at more closely than at the grid's points.
+    bool can_focus(std::size_t effect) const;
     // Of an effect that is not linear.
     std::span<const Way> ways(std::size_t effect) const { return ways_[effect]; }
 

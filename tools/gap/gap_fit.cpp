@@ -1,6 +1,7 @@
 #include "tools/gap/gap_fit.hpp"
 
 #include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
 
@@ -111,6 +112,10 @@ Eigen::VectorXd prior_precision(const Used& used, const ModelShape& shape, const
             precision(kFirstAmount + Eigen::Index(i)) = 1 / (timing_range * timing_range);
             continue;
         }
+        if (shape.amounts[i].expected > 0) {
+            precision(kFirstAmount + Eigen::Index(i)) = std::pow(shape.amounts[i].expected, -2);
+            continue;
+        }
         // ten times the torque that was commanded
         double column = 0;
         for (const Eigen::Index c : used.amount[i]) {
@@ -157,6 +162,36 @@ void start(const Products& sum, const Used& used, const ModelShape& shape, Eigen
 
 double square_of(const Eigen::MatrixXd& product, const Eigen::VectorXd& c) { return c.dot(product * c); }
 
+// Covariance from the blocks' scores, each set right for what it has pulled the fit to itself: "CR2" of Bell
+// and McCaffrey, Survey Methodology 28 (2002), in coordinates in which the normal matrix is one.
+Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Used& used, const Coefficients& c,
+                                     const Eigen::MatrixXd& normal, std::size_t equations) {
+    constexpr double kAlone = 1e-3;  // share of what is known of a direction that the others must tell
+    const Eigen::VectorXd scale = normal.diagonal().cwiseSqrt().cwiseInverse();
+    const Eigen::LLT<Eigen::MatrixXd> root(scale.asDiagonal() * normal * scale.asDiagonal());
+    const auto size = normal.rows();
+    Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(size, size);
+    for (const Block* block : blocks) {
+        Eigen::VectorXd score = Eigen::VectorXd::Zero(size);
+        Eigen::MatrixXd own = Eigen::MatrixXd::Zero(size, size);
+        for (std::size_t e = 0; e < equations; ++e) {
+            const Eigen::MatrixXd weighted = picked(block->product[e], used.column) * c.slope[e];
+            score -= weighted.transpose() * c.value[e];
+            own += c.slope[e].transpose() * weighted;
+        }
+        score = root.matrixL().solve(scale.cwiseProduct(score));
+        own = root.matrixL().solve(scale.asDiagonal() * own * scale.asDiagonal());
+        own = root.matrixL().solve(own.transpose()).eval();
+        const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(own);
+        const Eigen::VectorXd others = (1 - parts.eigenvalues().array()).max(kAlone).rsqrt();
+        const Eigen::VectorXd right =
+            parts.eigenvectors() * others.cwiseProduct(parts.eigenvectors().transpose() * score);
+        meat += right * right.transpose();
+    }
+    const Eigen::MatrixXd out = root.matrixU().solve(Eigen::MatrixXd::Identity(size, size));
+    return scale.asDiagonal() * (out * meat * out.transpose()) * scale.asDiagonal();
+}
+
 }  // namespace
 
 double timing_range_samples(double period_s) {
@@ -173,7 +208,7 @@ double row_count(const Blocks& blocks, const ModelShape& shape) {
     return rows;
 }
 
-Fit fit(const Blocks& blocks, const ModelShape& shape) {
+Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     Fit result;
     result.shape = shape;
     const Eigen::Index size = kFirstAmount + Eigen::Index(shape.amounts.size());
@@ -206,26 +241,17 @@ Fit fit(const Blocks& blocks, const ModelShape& shape) {
             prior(at) = kOut;
         }
     }
-    const Coefficients c = coefficients(used, p, true);
-    Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(size, size);
-    for (const Block* block : blocks) {
-        Eigen::VectorXd score = Eigen::VectorXd::Zero(size);
-        for (std::size_t e = 0; e < equations; ++e) {
-            score -= c.slope[e].transpose() * (picked(block->product[e], used.column) * c.value[e]);
-        }
-        meat += score * score.transpose();
-    }
-    const Eigen::MatrixXd inverse = normal.ldlt().solve(Eigen::MatrixXd::Identity(size, size));
-    const double n = double(blocks.size());
-    const double small_sample = n > 2 ? n / (n - 1) : 2.0;
     result.squares = squares(blocks, result);
     result.rows = row_count(blocks, shape);
-    result.covariance = small_sample * inverse * meat * inverse;
-    // never below what the noise alone, at the level of the residual, would give
-    const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));
-    for (Eigen::Index i = 0; i < size; ++i) {
-        const double least = inverse(i, i) * std::min(1.0, level);
-        if (result.covariance(i, i) < least) result.covariance(i, i) = least;
+    if (spread == Spread::known) {
+        result.covariance = covariance_of_blocks(blocks, used, coefficients(used, p, true), normal, equations);
+        // Never below what independent rows of the residual's level would give: what one block alone tells has
+        // no spread between blocks.
+        const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));
+        const Eigen::MatrixXd inverse = normal.ldlt().solve(Eigen::MatrixXd::Identity(size, size));
+        for (Eigen::Index i = 0; i < size; ++i) {
+            result.covariance(i, i) = std::max(result.covariance(i, i), inverse(i, i) * level);
+        }
     }
     return result;
 }

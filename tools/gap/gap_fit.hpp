@@ -32,7 +32,9 @@ struct Fit {
     double error(Eigen::Index i) const { return std::sqrt(std::max(0.0, covariance(i, i))); }
 };
 
-Fit fit(const Blocks& blocks, const ModelShape& shape);
+// Whether the covariance is wanted: it takes as long as the rest.
+enum class Spread { known, left_out };
+Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread = Spread::known);
 
 // Sum of the squared whitened residual on other blocks.
 double squares(const Blocks& blocks, const Fit& fit);

@@ -71,7 +71,7 @@ class Searcher {
             for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
                 if (search.members[i].effect != e.effect) continue;
                 e.parameters = parameters_in(search.members, i, search.after, setting, search.blocks);
-                widen(search.members[i], e);
+                widen(search.members[i], setting, e);
             }
         }
     }
@@ -175,7 +175,7 @@ class Searcher {
         std::vector<double> each(blocks.size());
         const ModelShape shape = shape_of(members);
         for (std::size_t fold = 0; fold < std::min(kFolds, blocks.size()); ++fold) {
-            const Fit rest = fit(leave_out(blocks, fold), shape);
+            const Fit rest = fit(leave_out(blocks, fold), shape, Spread::left_out);
             for (std::size_t i = fold; i < blocks.size(); i += kFolds) each[i] = squares(*blocks[i], rest);
         }
         return each;
@@ -282,9 +282,11 @@ class Searcher {
 
     // Two amounts from here on differ by more than chance.
     static bool apart(const Fit& f, Eigen::Index at) {
-        const double variance =
-            f.covariance(at, at) + f.covariance(at + 1, at + 1) - 2 * f.covariance(at, at + 1);
-        return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(std::max(0.0, variance));
+        return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(difference_variance(f, at));
+    }
+    static double difference_variance(const Fit& f, Eigen::Index at) {
+        return std::max(0.0,
+                        f.covariance(at, at) + f.covariance(at + 1, at + 1) - 2 * f.covariance(at, at + 1));
     }
 
     // The best of an effect's points, beside the members.
@@ -293,7 +295,8 @@ class Searcher {
         double least = std::numeric_limits<double>::infinity();
         for (const Way& way : ways(effect)) {
             const Members more = with(members, way);
-            const Fit f = fit(blocks, shape_of(more));
+            // only what is linear has its errors looked at
+            const Fit f = fit(blocks, shape_of(more), way.kind == Way::Kind::linear ? Spread::known : Spread::left_out);
             if (!in_range(more, more.size() - 1, f)) continue;
             // a closer look is preferred, for it goes on from where it is
             const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
@@ -337,7 +340,7 @@ class Searcher {
         Trial best;
         best.way.effect = effect;
         const std::vector<double> before = left_out(select_, members);
-        const Fit without_it = fit(select_, shape_of(members));
+        const Fit without_it = fit(select_, shape_of(members), Spread::left_out);
         const double unconfirmed = squares(confirm_, without_it);
         for (const Way& way : tried) {
             Trial t;
@@ -403,7 +406,10 @@ class Searcher {
         const bool significant =
             t.probability <= kSignificance / double(tested) &&
             t.rank_probability <= std::max(kSignificance, std::pow(0.5, double(t.rank_blocks)) * 1.001);
-        return significant && t.in_range && t.of_interest && t.confirmed && t.gain > 0 &&
+        const auto& earlier = options_.confirmed;
+        const bool confirmed =
+            t.confirmed || std::find(earlier.begin(), earlier.end(), t.way.effect) != earlier.end();
+        return significant && t.in_range && t.of_interest && confirmed && t.gain > 0 &&
                t.gain >= kLeastShareOfClosable * closable && t.gain >= kLeastShareOfAll * closable_at_first_;
     }
 
@@ -533,7 +539,19 @@ class Searcher {
         for (std::size_t b = 0; b < first.size(); ++b) gain[b] = second[b] - first[b];
         const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
         const double of = std::accumulate(first.begin(), first.end(), 0.0);
-        return sum > kTrifle * of && signed_rank_probability(gain) <= kSignificance;
+        return sum > kTrifle * of && surely_positive(gain);
+    }
+
+    // By rank, which a few blocks do not lead astray, or by the mean, which counts by how much.
+    static bool surely_positive(const std::vector<double>& gain) {
+        const auto n = static_cast<double>(gain.size());
+        const double mean = std::accumulate(gain.begin(), gain.end(), 0.0) / n;
+        if (!(mean > 0) || n < 2) return false;
+        double squares = 0;
+        for (const double g : gain) squares += (g - mean) * (g - mean);
+        const double t = mean / std::sqrt(std::max(1e-300, squares / (n - 1) / n));
+        return signed_rank_probability(gain) <= kSignificance ||
+               t_probability(t, n - 1) <= 2 * kSignificance;
     }
 
     static std::size_t unknowns(const Way& way) {
@@ -563,7 +581,8 @@ class Searcher {
             named.torque_share = effect_torque_share(members_, i, result_.after);
             named.probability = probability_[named.effect];
             named.parameters = parameters_in(members_, i, result_.after, dictionary_.setting(), all_.size());
-            widen(members_[i], named);
+            named.unmoved = unmoved_by(i);
+            widen(members_[i], dictionary_.setting(), named);
             const Members fewer = without(members_, i);
             const Fit bare = fit(all_, shape_of(fewer));
             named.closes = std::clamp(
@@ -575,8 +594,53 @@ class Searcher {
                   [](const NamedEffect& a, const NamedEffect& b) { return a.closes > b.closes; });
     }
 
+    std::vector<double> unmoved_by(std::size_t member) const {
+        std::vector<double> errors(model::kEffects[members_[member].effect].parameters.size(), 0.0);
+        if (members_[member].together && options_.turning) {
+            // left and right that share an amount may differ by what is not clear yet
+            Members other = members_;
+            other[member] = ways(members_[member].effect).back();
+            if (other[member].amounts.size() != 2) return errors;
+            const Fit f = fit(all_, shape_of(other));
+            const Eigen::Index at = first_amount_of(other, member);
+            errors[0] = errors[1] =
+                std::sqrt(std::pow(f.value(at) - f.value(at + 1), 2) + difference_variance(f, at)) / 2;
+        }
+        if (members_[member].kind == Way::Kind::focus) {
+            // foci beside the one chosen, by how likely they are
+            struct Beside {
+                model::Parameters<double> p;
+                double squares;
+            };
+            std::vector<Beside> beside;
+            for (const Way& way : ways(members_[member].effect)) {
+                if (way.kind != Way::Kind::focus) continue;
+                Members other = members_;
+                other[member] = way;
+                const Fit f = fit(all_, shape_of(other), Spread::left_out);
+                beside.push_back(
+                    {parameters_of(way, amounts_in(other, member, f), dictionary_.setting()).first, f.squares});
+            }
+            const auto best =
+                std::min_element(beside.begin(), beside.end(),
+                                 [](const Beside& a, const Beside& b) { return a.squares < b.squares; });
+            const double level = best->squares / rows_;
+            double all = 0;
+            std::vector<double> sum(errors.size(), 0.0);
+            for (const Beside& one : beside) {
+                const double weight = std::exp((best->squares - one.squares) / (2 * level));
+                all += weight;
+                for (std::size_t j = 0; j < sum.size(); ++j)
+                    sum[j] += weight * std::pow(one.p[j] - best->p[j], 2);
+            }
+            for (std::size_t j = 0; j < sum.size(); ++j)
+                errors[j] = beside.size() > 1 ? std::sqrt(sum[j] / all) : 0.0;
+        }
+        return errors;
+    }
+
     // What the spread between pieces does not show of a parameter's error.
-    static void widen(const Way& way, NamedEffect& named) {
+    static void widen(const Way& way, const Setting& setting, NamedEffect& named) {
         // Two programs that integrate the same robot agree no better.
         constexpr double kIntegration = 0.002;
         // Gravity and the acceleration of what has an offset act on the mass, K7 tells of the mass with the
@@ -586,6 +650,8 @@ class Searcher {
         constexpr double kBodysShareError = 0.04;
         // Not moved by the amounts: known as far as the points are apart.
         constexpr double kPointsApart = 0.1;
+        // Headings that two programs add up from the same wheel speeds.
+        constexpr double kDirection_rad = 0.012;
         // Told by a product of the two.
         constexpr double kProductOnly = 0.5;
         const std::string_view name = model::kEffects[named.effect].name;
@@ -603,10 +669,15 @@ class Searcher {
                 unsure = kPointsApart;
             }
             if (name == "backlash" || name == "wheel_slip") unsure = kProductOnly;
+            if (name == "payload_step" && j == 0) {
+                unsure = std::max(setting.event_spacing_s, setting.period_s) / p.value;
+            }
+            if (name == "slope" && j == 1) unsure = kDirection_rad / std::abs(p.value);
             const double quantile =
                 p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormal;
             p.value *= scale;
-            p.standard_error = std::hypot(scale * p.standard_error, unsure * p.value);
+            p.standard_error = std::hypot(scale * p.standard_error, unsure * p.value, named.unmoved[j]);
+            p.known = p.known || named.unmoved[j] > 0;
             const double half = std::max(quantile, kNormal) * p.standard_error;
             p.interval_95 = {p.value - half, p.value + half};
         }
@@ -630,12 +701,13 @@ class Searcher {
             // a general effect that does no better than its special case is that
             rival.alike = likeness(all_, bare, directions(mine), directions(*best)) > kAlike ||
                           (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
+            rival.coarse = best->kind == Way::Kind::grid && dictionary_.can_focus(r);
             if (rival.keeps > 0.3) note_point(other, other.size() - 1, instead);
             std::vector<double> loss = left_out(all_, other);
             rival.richer =
                 unknowns(mine) < unknowns(*best) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
-            const bool worse = signed_rank_probability(loss) <= kSignificance;
+            const bool worse = surely_positive(loss);
             if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 100) {
                 named.rivals.push_back(rival);
             } else {

@@ -41,6 +41,7 @@ struct Rival {
     std::size_t effect = 0;
     bool alike = false;   // no motion in this log tells them apart
     bool richer = false;  // has more to choose, and is not surely better for it: the simpler one is named
+    bool coarse = false;  // judged at the first look's points only, and may do better between them
     double keeps = 0;     // share of the gain that it keeps in the winner's place
     // A drag that a torque column made from voltage would show; the motors' currents would tell.
     bool torque_is_voltage = false;
@@ -55,6 +56,9 @@ struct NamedEffect {
     double closes = 0;                          // share of the closable gap
     double torque_share = 0;                    // RMS of its torque over RMS of the commanded
     double probability = 1;                     // that nothing is there, by the held-out blocks
+    // By parameter, the standard error of what the fit does not move: the difference that one amount for both
+    // wheels hides, the time of an event.
+    std::vector<double> unmoved;
     std::vector<Rival> rivals;
     std::vector<Rival> ruled_out;  // that did worse in its place
 };
@@ -75,6 +79,7 @@ struct SearchOptions {
     model::EffectSet<double> base;           // effects that the model has already; refitted
     Points given;                            // effects that are known otherwise, and are not refitted
     std::vector<std::size_t> excluded;       // known not to be there
+    std::vector<std::size_t> confirmed;      // found by an earlier look, whose confirming blocks agreed
     bool turning = true;
 };
 

@@ -22,16 +22,22 @@ struct PayloadStep {
                                      "",
                                      "nobody announces it; adaptive mode learns K5..K8 of the loaded robot"};
 
-    // The robot with the load on board.
+    // The robot with the load on board, at the centre of gravity.
     template <typename Real>
     static constexpr Dynamics<Real> loaded(const Parameters<Real>& p, const Geometry<Real>& g,
                                            const Dynamics<Real>& k) {
+        return loaded(p, g, k, k.k5_m);
+    }
+    // So far ahead of the axle.
+    template <typename Real>
+    static constexpr Dynamics<Real> loaded(const Parameters<Real>& p, const Geometry<Real>& g,
+                                           const Dynamics<Real>& k, Real ahead_m) {
         const Real r = g.mean_radius_m();
-        const Real moment = p[1] * k.k5_m;
+        const Real moment = p[1] * ahead_m;
         const Real mass = 1 / (k.k7_per_kg_m * r);
         const Real inertia = g.track_m / (2 * r * k.k8_per_kg_m2);
         const Real all_mass = mass + p[1];
-        const Real all_inertia = inertia + p[2] + moment * k.k5_m;
+        const Real all_inertia = inertia + p[2] + moment * ahead_m;
         return {(k.k5_m * mass + moment) / all_mass, (k.k6_per_m * inertia - moment) / all_inertia,
                 1 / (all_mass * r), g.track_m / (2 * r * all_inertia)};
     }
