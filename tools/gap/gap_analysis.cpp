@@ -280,6 +280,12 @@ class Analysis {
         options.base = base_effects();
         options.given = given_;
         options.excluded = excluded_;
+        // a report that lags by much is known only so well, and coarse counts are no white noise
+        constexpr double kGapBehindLag = 0.06;
+        if (given_.contains(model::find_effect("measurement_lag"))) options.large_gap = kGapBehindLag;
+        for (const SensorEffect& e : sensors_.effects) {
+            if (e.effect == model::find_effect("encoder_quantisation")) options.white_noise = false;
+        }
         for (const NamedEffect& e : findings_.search.effects) options.confirmed.push_back(e.effect);
         options.turning = findings_.turning;
         findings_.search = search(train_, report_.blocks, options);
@@ -287,7 +293,8 @@ class Analysis {
 
     // Times of events are tried closer together, but not much closer than they can be told apart.
     void look_closer_at_events() {
-        constexpr double kFirst = 1 / 72.0;  // of the log: a quarter of how far the first look's points are apart
+        constexpr double kFirst =
+            1 / 72.0;  // of the log: a quarter of how far the first look's points are apart
         constexpr double kCloser = 4;
         constexpr double kOfError = 0.75;
         const Setting& setting = dictionary_->setting();
@@ -306,7 +313,8 @@ class Analysis {
     bool near_enough() const {
         const Search& s = findings_.search;
         const double event_s = event_error_s();
-        if (event_s > 0 && event_spacing_s_ > std::max(event_s, 2 * dictionary_->setting().period_s)) return false;
+        if (event_s > 0 && event_spacing_s_ > std::max(event_s, 2 * dictionary_->setting().period_s))
+            return false;
         for (const NamedEffect& e : s.effects) {
             for (const Rival& r : e.rivals) {
                 if (r.coarse && !r.alike) return false;
@@ -317,9 +325,9 @@ class Analysis {
                     if (dictionary_->can_focus(way.effect)) return false;
                     continue;
                 }
+                const model::Parameters<double>& found = s.points.at(e.effect);
                 for (std::size_t j = 0; j < e.parameters.size(); ++j) {
-                    if (std::abs(e.parameters[j].value - way.at[j]) > 0.2 * e.parameters[j].standard_error)
-                        return false;
+                    if (std::abs(found[j] - way.at[j]) > 0.2 * e.parameters[j].standard_error) return false;
                 }
             }
         }
@@ -352,7 +360,10 @@ class Analysis {
             const double track = request_.geometry.track_m;
             for (NamedEffect& e : s.effects) {
                 if (e.effect != model::find_effect("wheel_radius_mismatch")) continue;
-                const double value = sensors_.gyro->bend_per_m * track;
+                // gyro = omega + x v / b with x = relative / (1 + relative / 2), both wheels' mean radius
+                // kept
+                const double bend = sensors_.gyro->bend_per_m * track;
+                const double value = bend / (1 - bend / 2);
                 const double error = std::hypot(sensors_.gyro->bend_error * track, 0.005 * value);
                 if (std::abs(value - e.parameters[0].value) > 4 * e.parameters[0].standard_error) continue;
                 e.parameters[0] = {
@@ -420,13 +431,24 @@ class Analysis {
         // two dozens of blocks where the log allows it
         options.block_s = std::clamp(total / 24, 0.5, 2.0);
         train_ = make_blocks(training_, options);
-        const Colour colour = colour_of_rest(train_);
+        const Colour colour = colour_of_rest(train_, known_columns());
         weigh(train_, colour);
         report_ = {};
         if (held_out_) {
             report_ = make_blocks(std::array{*held_out_}, options);
             weigh(report_, colour);
         }
+    }
+
+    // All but those of effects that are known not to be there.
+    std::vector<int> known_columns() const {
+        std::vector<int> columns;
+        const std::span<const Column> all = dictionary_->columns();
+        for (std::size_t c = 0; c < all.size(); ++c) {
+            if (std::find(excluded_.begin(), excluded_.end(), all[c].effect) == excluded_.end())
+                columns.push_back(static_cast<int>(c));
+        }
+        return columns;
     }
 
     model::EffectSet<double> base_effects() const {

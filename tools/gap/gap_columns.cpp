@@ -351,9 +351,8 @@ Grid grid_of<model::CastorDrag>(const Setting& s) {
     const double spread = s.closer_looks > 0 ? std::pow(4.0, -s.closer_looks) : 0.0;
     if (spread > 0.01) {
         grid.closer = [=](const Parameters<double>& at) {
-            return std::vector<Parameters<double>>{{at[0], at[1], at[2], at[3] * (1 - spread)},
-                                                   {at[0], at[1], at[2], at[3] * (1 + spread)},
-                                                   at};
+            return std::vector<Parameters<double>>{
+                {at[0], at[1], at[2], at[3] * (1 - spread)}, {at[0], at[1], at[2], at[3] * (1 + spread)}, at};
         };
     }
     return grid;
@@ -449,8 +448,8 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
     grid.closer = [=](const Parameters<double>& at) {
         std::vector<Parameters<double>> points;
         for (const int i : {-4, 4, -3, 3, -2, 2, -1, 1, 0}) {
-            points.push_back({std::clamp(at[0] + i * s.event_spacing_s, 0.02 * s.span_s, 0.98 * s.span_s),
-                              at[1], at[2]});
+            points.push_back(
+                {std::clamp(at[0] + i * s.event_spacing_s, 0.02 * s.span_s, 0.98 * s.span_s), at[1], at[2]});
         }
         return points;
     };
@@ -741,7 +740,8 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
             down[j] -= grid.beside[j];
             step += 2 * grid.beside[j];
         }
-        way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / step})}, grid.expected});
+        way.amounts.push_back(
+            {{add(effect, {term(effect, up), term(effect, down), 1 / step})}, grid.expected});
     }
     ways_[effect].push_back(way);
 }

@@ -38,7 +38,7 @@ struct Setting {
     model::Dynamics<double> dynamics;
     double peak_torque_Nm = 1, peak_speed_rad_per_s = 1;
     double span_s = 60, period_s = 0.001;
-    double turned_rad = 1e9;  // from the least to the greatest angle of a wheel
+    double turned_rad = 1e9;     // from the least to the greatest angle of a wheel
     int closer_looks = 0;        // so far, with this one
     double event_spacing_s = 0;  // between times at which an event is tried in a closer look
 

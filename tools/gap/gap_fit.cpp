@@ -244,9 +244,10 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     result.squares = squares(blocks, result);
     result.rows = row_count(blocks, shape);
     if (spread == Spread::known) {
-        result.covariance = covariance_of_blocks(blocks, used, coefficients(used, p, true), normal, equations);
-        // Never below what independent rows of the residual's level would give: what one block alone tells has
-        // no spread between blocks.
+        result.covariance =
+            covariance_of_blocks(blocks, used, coefficients(used, p, true), normal, equations);
+        // Never below what independent rows of the residual's level would give: what one block alone tells
+        // has no spread between blocks.
         const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));
         const Eigen::MatrixXd inverse = normal.ldlt().solve(Eigen::MatrixXd::Identity(size, size));
         for (Eigen::Index i = 0; i < size; ++i) {
@@ -283,6 +284,21 @@ double torque_squares(const Blocks& blocks, const Fit& fit) {
         }
     }
     return total;
+}
+
+double beyond_noise_share(const Blocks& blocks, const Fit& fit) {
+    const Used used = used_by(blocks, fit.shape);
+    const Coefficients c = coefficients(used, fit.value, false);
+    double left = 0;
+    double torque = 0;
+    for (const Block* block : blocks) {
+        for (std::size_t e = 0; e < (fit.shape.turning ? kEquations : kTurning); ++e) {
+            left += (block->row[e](Eigen::all, used.column) * c.value[e]).squaredNorm() - block->rows[e];
+            const double gain = fit.value(e == kLinear ? kK7 : kK8);
+            torque += gain * gain * block->row[e].col(Dictionary::kTorque).squaredNorm();
+        }
+    }
+    return torque > 0 ? std::sqrt(std::max(0.0, left) / torque) : 0.0;
 }
 
 double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& extra) {

@@ -44,6 +44,9 @@ double row_count(const Blocks& blocks, const ModelShape& shape);
 // What the torque alone does, in the same measure: to give shares.
 double torque_squares(const Blocks& blocks, const Fit& fit);
 
+// RMS of the torque that would make what a fit leaves beyond the sensors' noise, over RMS of the torque.
+double beyond_noise_share(const Blocks& blocks, const Fit& fit);
+
 // Squared whitened residual, cross-validated over the blocks, of free
 // coefficients for `columns` beside the base in each equation: what could be
 // reached at best.

@@ -276,13 +276,16 @@ std::size_t Colour::bin(double frequency_Hz) const {
     return static_cast<std::size_t>(std::clamp(place, 0.0, double(kBins - 1)));
 }
 
-Colour colour_of_rest(const BlockSet& set) {
+Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns) {
     Colour colour;
+    const auto count = static_cast<Eigen::Index>(columns.size());
+    std::vector<int> with_y = columns;
+    with_y.push_back(static_cast<int>(set.wheel_power.cols()));
     for (std::size_t e = 0; e < kEquations; ++e) {
-        const Eigen::Index count = set.wheel_power.cols();
         Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(count + 1, count + 1);
         for (const Block& block : set.blocks) {
-            sum.selfadjointView<Eigen::Lower>().rankUpdate(block.row[e].transpose());
+            const Eigen::MatrixXd rows = block.row[e](Eigen::all, with_y);
+            sum.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
         }
         mirror(sum);
         Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
@@ -293,7 +296,7 @@ Colour colour_of_rest(const BlockSet& set) {
         std::array<double, Colour::kBins> squares{};
         std::array<double, Colour::kBins> rows{};
         for (const Block& block : set.blocks) {
-            const Eigen::VectorXd rest = block.row[e] * c;
+            const Eigen::VectorXd rest = block.row[e](Eigen::all, with_y) * c;
             for (Eigen::Index k = 0; k < rest.size(); ++k) {
                 const std::size_t b = colour.bin(double(k + 1) * block.first_Hz);
                 squares[b] += rest(k) * rest(k);

@@ -87,8 +87,8 @@ struct LogPart {
     const std::vector<bool>* unusable = nullptr;  // by sample; null: none is
 };
 
-// The colour of the rest that all columns together leave.
-Colour colour_of_rest(const BlockSet& set);
+// The colour of the rest that these columns together leave.
+Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns);
 
 // The products anew, each row over the root of the colour's power.
 void weigh(BlockSet& set, const Colour& colour);

@@ -19,9 +19,9 @@ inline constexpr double kSignificance = 0.01;         // of each test, after Hol
 inline constexpr double kLeastShareOfClosable = 0.2;  // of the closable gap that is left
 inline constexpr double kLeastShareOfAll = 0.0005;    // of the closable gap at first
 inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torque over RMS of the torque
-inline constexpr double kSmallGap = 0.015;            // closable gap as a share of what torque does
+inline constexpr double kSmallGap = 0.01;             // closable gap as a share of what torque does
 inline constexpr double kLargeGap = 0.03;             // left over: unexplained
-inline constexpr double kShareLeft = 0.33;  // of the closable torque, beside what was named: unexplained too
+inline constexpr double kShareLeft = 0.10;  // of the closable torque, beside what was named: unexplained too
 inline constexpr double kAlike = 0.999;     // likeness in this log above which no log like it separates
 inline constexpr double kTied = 0.05;       // share of its gain that a rival may lose and still be tied
 inline constexpr std::size_t kMostEffects = 4;
@@ -79,6 +79,8 @@ struct SearchOptions {
     model::EffectSet<double> base;           // effects that the model has already; refitted
     Points given;                            // effects that are known otherwise, and are not refitted
     std::vector<std::size_t> excluded;       // known not to be there
+    double large_gap = kLargeGap;            // more left than this is not explained
+    bool white_noise = true;                 // the sensors' noise is, so that more than it is something
     std::vector<std::size_t> confirmed;      // found by an earlier look, whose confirming blocks agreed
     bool turning = true;
 };

@@ -1,0 +1,133 @@
+// Fits on blocks of rows, and their refinement by output error.
+#include <cmath>
+#include <cstdio>
+#include <random>
+#include <vector>
+
+#include "tests/tools/gap/hidden_effect.hpp"
+#include "tools/gap/gap_fit.hpp"
+#include "tools/gap/gap_refine.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+
+namespace {
+
+constexpr double kGain = 1.7;    // of the torque
+constexpr double kAmount = 0.3;  // of the effect, as a share of the gain
+
+// 24 blocks of one equation: y = gain (torque + amount column) + white noise. The column acts in the first
+// `acting` of them only.
+struct Experiment {
+    std::vector<gap::Block> blocks;
+    gap::Blocks pointers;
+
+    Experiment(unsigned seed, int acting) {
+        std::mt19937 engine(seed);
+        std::normal_distribution<double> normal;
+        constexpr int kRows = 20;
+        for (int b = 0; b < 24; ++b) {
+            gap::Block block;
+            block.period_s = 0.004;
+            block.rows = {kRows, 0};
+            // product, torque, timing, column, y
+            Eigen::MatrixXd rows = Eigen::MatrixXd::Zero(kRows, 5);
+            for (int k = 0; k < kRows; ++k) {
+                rows(k, 0) = normal(engine);
+                rows(k, 1) = 3 * normal(engine);
+                rows(k, 2) = normal(engine);
+                rows(k, 3) = b < acting ? normal(engine) : 0;
+                rows(k, 4) = kGain * (rows(k, 1) + kAmount * rows(k, 3)) + normal(engine);
+            }
+            block.row = {rows, Eigen::MatrixXd::Zero(0, 5)};
+            block.product = {rows.transpose() * rows, Eigen::MatrixXd::Zero(5, 5)};
+            blocks.push_back(block);
+        }
+        for (const gap::Block& block : blocks) pointers.push_back(&block);
+    }
+};
+
+gap::ModelShape one_equation() {
+    gap::ModelShape shape;
+    shape.amounts = {{{2}}, {{3}}};
+    shape.turning = false;
+    return shape;
+}
+
+constexpr Eigen::Index kAt = 5;  // of the amount among a fit's values
+
+}  // namespace
+
+TEST_GROUP(GapFit){};
+
+// The plain sandwich would be too narrow by a quarter and more where three blocks alone tell.
+TEST(GapFit, standard_errors_are_honest_where_few_blocks_tell) {
+    for (const int acting : {24, 6, 3}) {
+        constexpr int kTries = 400;
+        double squares = 0;
+        for (unsigned seed = 1; seed <= kTries; ++seed) {
+            const Experiment e(seed, acting);
+            const gap::Fit f = gap::fit(e.pointers, one_equation());
+            squares += std::pow((f.value(kAt) - kAmount) / f.error(kAt), 2);
+        }
+        const double rms = std::sqrt(squares / kTries);
+        std::printf("  effect in %d of 24 blocks: rms z %.2f\n", acting, rms);
+        CHECK(rms > 0.85 && rms < 1.15);
+    }
+}
+
+TEST(GapFit, what_one_block_tells_has_the_error_of_its_rows) {
+    const Experiment e(5, 1);
+    const gap::Fit f = gap::fit(e.pointers, one_equation());
+    const double column = e.blocks.front().product[gap::kLinear](3, 3);
+    DOUBLES_EQUAL(1 / (kGain * std::sqrt(column)), f.error(kAt), 0.15 / (kGain * std::sqrt(column)));
+}
+
+TEST(GapFit, a_size_that_is_expected_holds_what_no_block_tells) {
+    const Experiment e(7, 0);
+    gap::ModelShape shape = one_equation();
+    shape.amounts[1].expected = 0.02;
+    const gap::Fit f = gap::fit(e.pointers, shape);
+    CHECK(std::abs(f.value(kAt)) < 0.02);
+    DOUBLES_EQUAL(kGain, f.value(2), 4 * f.error(2));
+}
+
+TEST(GapFit, beyond_noise_is_the_torque_that_is_missing) {
+    const Experiment e(9, 24);
+    gap::ModelShape shape = one_equation();
+    shape.amounts.pop_back();
+    // the column's power is a ninth of the torque's
+    DOUBLES_EQUAL(kAmount / 3, gap::beyond_noise_share(e.pointers, gap::fit(e.pointers, shape)), 0.02);
+    DOUBLES_EQUAL(0, gap::beyond_noise_share(e.pointers, gap::fit(e.pointers, one_equation())), 0.02);
+}
+
+TEST_GROUP(GapRefine){};
+
+TEST(GapRefine, free_runs_bring_a_fit_that_is_off_back_to_the_truth) {
+    const test::HiddenLog hidden = test::hidden_log({"viscous_friction", 0, {0.03, 0.03}}, 4, 0.01, 20, 100);
+    const std::size_t viscous = model::find_effect("viscous_friction");
+    const gap::LogPart part{&hidden.log, 0, 0, hidden.log.samples.size(), 0, nullptr};
+    const std::vector<gap::Stretch> pieces = gap::stretches(std::span(&part, 1), 5, hidden.geometry);
+    const auto robot_of = [&](const gap::Fit& f) {
+        gap::SimulatedRobot robot;
+        robot.geometry = hidden.geometry;
+        robot.dynamics = {f.value(0), f.value(1), f.value(2), f.value(3)};
+        robot.effects.active[viscous] = true;
+        robot.effects.parameter[viscous] = {f.value(kAt), f.value(kAt)};
+        return robot;
+    };
+    gap::Fit weak;
+    weak.shape.amounts = {{{2}}, {{3, 4}}};
+    weak.value = Eigen::VectorXd::Zero(6);
+    // K5..K8 of a robot like it, and half of the friction
+    weak.value << 0.03, -1.0, 1.0, 5.0, 0, 0.015;
+    weak.covariance = Eigen::MatrixXd::Zero(6, 6);
+    const auto refined = gap::refine_by_free_run(weak, pieces, 0.001, robot_of);
+    CHECK(refined.has_value());
+    std::printf("  free run %.3g -> %.3g rad/s, friction %.4f +- %.4f\n", refined->weak_rad_per_s,
+                refined->rad_per_s, refined->fit.value(kAt), refined->fit.error(kAt));
+    DOUBLES_EQUAL(0.01, refined->rad_per_s, 0.003);
+    DOUBLES_EQUAL(0.03, refined->fit.value(kAt), 0.002);
+    CHECK(!gap::refine_by_free_run(refined->fit, pieces, 0.1, robot_of).has_value());
+}
