@@ -15,10 +15,11 @@ namespace {
 
 constexpr Eigen::Index kFirstAmount = 4;
 constexpr std::size_t kFolds = 5;
-constexpr double kApart = 4;      // standard errors of the difference between left and right
-constexpr double kCloser = 0.95;  // a grid's point must be better than a closer look by more than this
-constexpr double kNormal = 1.96;  // standard errors of a 95 % interval
-constexpr double kActs = 0.02;    // power of an effect's columns in a block over that in the block with most
+constexpr double kApart = 4;           // standard errors of the difference between left and right
+constexpr double kCloser = 0.95;       // a grid's point must be better than a closer look by more than this
+constexpr double kNormal = 1.96;       // standard errors of a 95 % interval
+constexpr double kSuperfluous = 0.05;  // probability of what goes again that was accepted once
+constexpr double kActs = 0.02;  // power of an effect's columns in a block over that in the block with most
 constexpr std::size_t kFewestActing = 5;
 constexpr double kNoBetter = 1.005;  // share of the gain, kept by a rival with more unknowns, that is chance
 constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
@@ -87,7 +88,7 @@ class Searcher {
         forward();
         backward();
         exchange();
-        backward();  // what came in another's place must be of interest too
+        drop_trifles();
         result_.after = fit(all_, shape_of(members_));
         result_.gap_after = cross_validated(all_, members_) / rows_;
         // the floor again, from the fuller model: what both leave
@@ -493,8 +494,19 @@ class Searcher {
         for (std::size_t i = base_members_; i < members_.size();) {
             const Fit f = fit(all_, shape_of(members_));
             const Members last = with(without(members_, i), members_[i]);
-            if (probability_of_last(all_, last) <= kSignificance &&
+            if (probability_of_last(all_, last) <= kSuperfluous &&
                 effect_torque_share(members_, i, f) >= kSizeOfInterest) {
+                ++i;
+            } else {
+                members_ = without(members_, i);
+            }
+        }
+    }
+
+    // What came in another's place must be of interest too.
+    void drop_trifles() {
+        for (std::size_t i = base_members_; i < members_.size();) {
+            if (effect_torque_share(members_, i, fit(all_, shape_of(members_))) >= kSizeOfInterest) {
                 ++i;
             } else {
                 members_ = without(members_, i);
