@@ -23,12 +23,14 @@ struct AdviceFile {
 };
 AdviceFile read_advice(const std::string& path);
 
+inline constexpr int kUsualRounds = 4;
+
 // The motion in rounds, each other one with the opposite torques, with a halt between; so the robot ends not
 // far from where it began. What the robot file's model says of it stands beside.
 struct Excitation {
     const Motion* motion = nullptr;
     double size_Nm = 0;  // smaller than advised, where a limit asks for it
-    int rounds = 4;
+    int rounds = kUsualRounds;
     double speed_m_per_s = 0, yaw_rate_rad_per_s = 0, torque_Nm = 0;  // largest
     double farthest_m = 0;                                            // from the start
     // Beyond these a round ends early: a model that lacks something may foretell too little.

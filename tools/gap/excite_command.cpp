@@ -19,7 +19,7 @@ struct Options {
     std::string advice, robot = WHEELWRIGHT_ROBOTS "/default.toml", plant, log, interface, json;
     std::uint64_t seed = 1;
     std::size_t which = 1;
-    int rounds = 4;
+    int rounds = gap::kUsualRounds;
     bool yes = false;
 };
 

@@ -293,12 +293,10 @@ class Analysis {
 
     // Times of events are tried closer together, but not much closer than they can be told apart.
     void look_closer_at_events() {
-        constexpr double kFirst =
-            1 / 72.0;  // of the log: a quarter of how far the first look's points are apart
-        constexpr double kCloser = 4;
+        constexpr double kCloser = 4;  // each look than the one before
         constexpr double kOfError = 0.75;
         const Setting& setting = dictionary_->setting();
-        double next_s = event_spacing_s_ > 0 ? event_spacing_s_ / kCloser : kFirst * setting.span_s;
+        double next_s = (event_spacing_s_ > 0 ? event_spacing_s_ : kEventSpacing * setting.span_s) / kCloser;
         if (event_spacing_s_ > 0) next_s = std::max(next_s, kOfError * event_error_s());
         event_spacing_s_ = std::max(next_s, 2 * setting.period_s);
     }

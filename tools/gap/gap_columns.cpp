@@ -256,7 +256,7 @@ struct TermOf {
     using Type = void;
 };
 template <typename Effect>
-    requires model::InTorquePath<Effect>
+requires model::InTorquePath<Effect>
 struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
 };
@@ -441,7 +441,7 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
             return a(0) > -5 && a(1) > -5 && a(0) + a(1) > 0 && kLost * std::max(a(0), a(1)) < 0.5;
         },
         {0, mass / 100, inertia / 100}};
-    for (int i = 2; i <= 16; ++i) grid.points.push_back({s.span_s * i / 18});
+    for (int i = 2; i <= 16; ++i) grid.points.push_back({s.span_s * i * kEventSpacing});
     grid.beside = {0, 0, 0, 0.01};
     grid.expected = 0.03;
     if (s.event_spacing_s == 0) return grid;

@@ -33,6 +33,9 @@ struct Interval {
     }
 };
 
+// How far apart the first look tries the time of an event, as a share of the log.
+inline constexpr double kEventSpacing = 1 / 18.0;
+
 struct Setting {
     model::Geometry<double> geometry;
     model::Dynamics<double> dynamics;

@@ -72,7 +72,7 @@ class Searcher {
             for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
                 if (search.members[i].effect != e.effect) continue;
                 e.parameters = parameters_in(search.members, i, search.after, setting, search.blocks);
-                widen(search.members[i], setting, e);
+                widen(search.members[i], setting, e.unmoved, e.parameters);
             }
         }
     }
@@ -596,7 +596,7 @@ class Searcher {
             named.probability = probability_[named.effect];
             named.parameters = parameters_in(members_, i, result_.after, dictionary_.setting(), all_.size());
             named.unmoved = unmoved_by(i);
-            widen(members_[i], dictionary_.setting(), named);
+            widen(members_[i], dictionary_.setting(), named.unmoved, named.parameters);
             const Members fewer = without(members_, i);
             const Fit bare = fit(all_, shape_of(fewer));
             named.closes = std::clamp(
@@ -608,6 +608,7 @@ class Searcher {
                   [](const NamedEffect& a, const NamedEffect& b) { return a.closes > b.closes; });
     }
 
+    // NamedEffect::unmoved.
     std::vector<double> unmoved_by(std::size_t member) const {
         std::vector<double> errors(model::kEffects[members_[member].effect].parameters.size(), 0.0);
         if (members_[member].together && options_.turning) {
@@ -654,63 +655,6 @@ class Searcher {
         return errors;
     }
 
-    // What the spread between pieces does not show of a parameter's error.
-    static void widen(const Way& way, const Setting& setting, NamedEffect& named) {
-        // Two programs that integrate the same robot agree no better.
-        constexpr double kIntegration = 0.002;
-        // Gravity and the acceleration of what has an offset act on the mass, K7 tells of the mass with the
-        // wheels' rotation. What share that has is in no log of wheel speeds: solid wheels of a twelfth of
-        // the robot's mass, give or take.
-        constexpr double kBodysShare = 0.92;
-        constexpr double kBodysShareError = 0.04;
-        // Not moved by the amounts: known as far as the points are apart.
-        constexpr double kPointsApart = 0.1;
-        // Headings that two programs add up from the same wheel speeds.
-        constexpr double kDirection_rad = 0.02;
-        // A castor's own inertia and the give of its contact, which the model leaves out; friction of the
-        // pivot is seen beside the moment of the wheel's.
-        constexpr std::array kCastor{0.01, 0.15, 0.02, 0.04};
-        constexpr double kPivotOfWheel = 0.1;
-        // Told by a product of the two.
-        constexpr double kProductOnly = 0.7;
-        const std::string_view name = model::kEffects[named.effect].name;
-        for (std::size_t j = 0; j < named.parameters.size(); ++j) {
-            ParameterEstimate& p = named.parameters[j];
-            double unsure = kIntegration;
-            double scale = 1;
-            const bool with_mass =
-                (name == "slope" || name == "cog_lateral" || name == "wheel_radius_mismatch") && j == 0;
-            if (with_mass) {
-                scale = 1 / kBodysShare;
-                unsure = std::hypot(unsure, kBodysShareError / kBodysShare);
-            }
-            if (way.kind == Way::Kind::grid && p.standard_error == 0 && name != "torque_ripple") {
-                unsure = kPointsApart;
-            }
-            if (name == "backlash" || name == "wheel_slip") unsure = kProductOnly;
-            if (name == "payload_step" && j == 0) {
-                unsure = std::max(setting.event_spacing_s, setting.period_s) / p.value;
-            }
-            double more = named.unmoved[j];
-            if ((name == "slope" && j == 1) || (name == "torque_ripple" && j == 2)) {
-                more = std::hypot(more, kDirection_rad);
-            }
-            if (name == "castor_drag") {
-                unsure = std::hypot(unsure, kCastor[j]);
-                if (j == 1)
-                    more = std::hypot(more,
-                                      kPivotOfWheel * named.parameters[0].value * named.parameters[3].value);
-            }
-            const double quantile =
-                p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormal;
-            p.value *= scale;
-            p.standard_error = std::hypot(scale * p.standard_error, unsure * p.value, more);
-            p.known = p.known || named.unmoved[j] > 0;
-            const double half = std::max(quantile, kNormal) * p.standard_error;
-            p.interval_95 = {p.value - half, p.value + half};
-        }
-    }
-
     void find_rivals(const Members& fewer, const Way& mine, const Fit& bare, double with_all, double gain,
                      NamedEffect& named) {
         const std::vector<double> here = left_out(all_, with(fewer, mine));
@@ -744,37 +688,13 @@ class Searcher {
         }
     }
 
-    // The catalogue's parameters, with intervals by the delta method.
     static std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member,
                                                         const Fit& f, const Setting& setting,
                                                         std::size_t blocks) {
-        const Way& way = members[member];
-        const auto& info = model::kEffects[way.effect].parameters;
-        const Eigen::VectorXd amount = amounts_in(members, member, f);
+        const Eigen::VectorXd amounts = amounts_in(members, member, f);
         const Eigen::Index at = first_amount_of(members, member);
-        const Eigen::Index count = amount.size();
-        const Eigen::MatrixXd cov = f.covariance.block(at, at, count, count);
-        const double degrees = std::max(1.0, double(blocks) - 4);
-        const double quantile = 1.96 + 2.4 / degrees + 3.0 / (degrees * degrees);
-        const auto value_at = [&](const Eigen::VectorXd& a) { return parameters_of(way, a, setting).first; };
-        const model::Parameters<double> p = value_at(amount);
-        std::vector<ParameterEstimate> estimates;
-        for (std::size_t j = 0; j < info.size(); ++j) {
-            Eigen::VectorXd slope(count);
-            for (Eigen::Index k = 0; k < count; ++k) {
-                Eigen::VectorXd moved = amount;
-                const double step = 1e-4 * std::max(1e-9, std::sqrt(cov(k, k)));
-                moved(k) += step;
-                slope(k) = (value_at(moved)[j] - p[j]) / step;
-            }
-            ParameterEstimate e;
-            e.value = std::clamp(p[j], info[j].minimum, info[j].maximum);
-            e.standard_error = std::sqrt(std::max(0.0, slope.dot(cov * slope)));
-            e.known = e.standard_error > 0;  // a direction that the log does not show moves nothing
-            e.interval_95 = {p[j] - quantile * e.standard_error, p[j] + quantile * e.standard_error};
-            estimates.push_back(e);
-        }
-        return estimates;
+        return estimates_of(members[member], amounts,
+                            f.covariance.block(at, at, amounts.size(), amounts.size()), setting, blocks);
     }
 
     void report_closed() {
@@ -820,6 +740,7 @@ class Searcher {
             if (all.empty() || contains(members_, i)) continue;
             const bool linear = all.front().kind == Way::Kind::linear;
             const Way& way = linear ? all.front() : all[all.size() / 2];
+            if (way.kind == Way::Kind::focus) continue;  // the look at the grid has told
             const Members more = with(members_, way);
             const Fit f = fit(all_, shape_of(more));
             const Eigen::Index first = first_amount_of(more, more.size() - 1);

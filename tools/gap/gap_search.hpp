@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "firmware/model/effects.hpp"
+#include "tools/gap/gap_errors.hpp"
 #include "tools/gap/gap_fit.hpp"
 
 namespace wheelwright::gap {
@@ -30,12 +31,6 @@ enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_
 const char* verdict_name(Verdict verdict);
 
 struct Motion;
-
-struct ParameterEstimate {
-    double value = 0, standard_error = 0;
-    std::array<double, 2> interval_95{};
-    bool known = true;
-};
 
 struct Rival {
     std::size_t effect = 0;

@@ -14,8 +14,6 @@
 namespace wheelwright::tools {
 namespace {
 
-constexpr int kRounds = 4;  // excite's own number
-
 // Each motion once, of the largest size that it is advised with.
 std::vector<gap::Advice> motions_of(const gap::AdviceFile& file) {
     std::vector<gap::Advice> motions;
@@ -75,7 +73,8 @@ void drive_advised(const Asked& asked, Further& further) {
     }
     std::vector<std::filesystem::path> logs{asked.log};
     for (const gap::Advice& advice : motions_of(file)) {
-        const gap::Excitation excitation = gap::plan_excitation(advice, robot.robot->parameters, kRounds);
+        const gap::Excitation excitation =
+            gap::plan_excitation(advice, robot.robot->parameters, gap::kUsualRounds);
         std::array<char, 100> text{};
         std::snprintf(text.data(), text.size(), "%s%s %.3g of %.3g Nm", further.driven.empty() ? "" : ", ",
                       std::string(advice.motion->name).c_str(), excitation.size_Nm, advice.torque_Nm);
