@@ -249,8 +249,8 @@ TEST(EffectsOnTheBody, a_castor_ends_up_where_its_wheel_does_not_slip_sideways) 
     for (const Twist<double> u : {Twist<double>{0.8, 1.9}, Twist<double>{0.3, -1.2}, Twist<double>{0, 2.0}}) {
         CastorDrag::Memory<double> memory;
         for (int i = 0; i < 20000; ++i) CastorDrag::advance(p, memory, u, 0.0005);
-        const double c = std::cos(memory.swivel_rad);
-        const double s = std::sin(memory.swivel_rad);
+        const double c = memory.cosine;
+        const double s = memory.sine;
         // velocity of the castor wheel's contact, which moves with the robot once the fork holds still
         const double x = 0.16 - 0.03 * c;
         const double y = -0.03 * s;
@@ -270,12 +270,13 @@ TEST(EffectsOnTheBody, a_castor_turns_around_as_the_tractrix_says) {
     // driving back, the fork leaves pi - d0 behind: tan(d / 2) falls by exp(v t / trail)
     const Parameters<double> p{1.7, 0.02, 0.16, 0.03};
     CastorDrag::Memory<double> memory;
-    memory.swivel_rad = 0.4;
+    memory = {std::sin(0.4), std::cos(0.4)};
     for (int i = 0; i < 200; ++i) CastorDrag::advance(p, memory, {-0.3, 0.0}, 0.0005);
-    DOUBLES_EQUAL(2 * std::atan(std::tan(0.2) * std::exp(0.3 * 0.1 / 0.03)), memory.swivel_rad, 5e-6);
+    DOUBLES_EQUAL(2 * std::atan(std::tan(0.2) * std::exp(0.3 * 0.1 / 0.03)),
+                  std::atan2(memory.sine, memory.cosine), 5e-6);
     // and the pivot's friction does exactly the work of its turning
     const EffectContext<double> at{{{}, {}, {-0.3, 0.0}, 0}, {}, geometry(), {}};
-    const double rate = 0.3 * std::sin(memory.swivel_rad) / 0.03;
+    const double rate = 0.3 * memory.sine / 0.03;
     const BodyForce<double> push = CastorDrag::push({0, 0.02, 0.16, 0.03}, memory, at, 0.0005);
     DOUBLES_EQUAL(-0.02 * rate, push.force_N * -0.3, 1e-12);
 }

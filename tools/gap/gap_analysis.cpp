@@ -320,16 +320,30 @@ class Analysis {
             for (const Way& way : s.members) {
                 if (way.effect != e.effect || way.kind == Way::Kind::linear) continue;
                 if (way.kind == Way::Kind::grid) {
-                    if (dictionary_->can_focus(way.effect)) return false;
+                    if (dictionary_->can_focus(way.effect) && !has_looked_at(way.effect)) return false;
                     continue;
                 }
                 const model::Parameters<double>& found = s.points.at(e.effect);
                 for (std::size_t j = 0; j < e.parameters.size(); ++j) {
-                    if (std::abs(found[j] - way.at[j]) > 0.2 * e.parameters[j].standard_error) return false;
+                    const double error = e.parameters[j].standard_error;  // 0: the log does not show it
+                    if (error > 0 && std::abs(found[j] - way.at[j]) > 0.2 * error) return false;
                 }
             }
         }
         return true;
+    }
+
+    // A closer look at where an effect was found has been taken, and was no better than the grid's point.
+    bool has_looked_at(std::size_t effect) const {
+        constexpr double kSame = 0.02;
+        const std::span<const Way> ways = dictionary_->ways(effect);
+        const model::Parameters<double>& found = findings_.search.points.at(effect);
+        return std::any_of(ways.begin(), ways.end(), [&](const Way& way) {
+            bool same = way.kind == Way::Kind::focus;
+            for (std::size_t j = 0; j < found.size(); ++j)
+                same = same && std::abs(found[j] - way.at[j]) <= kSame * std::abs(found[j]);
+            return same;
+        });
     }
 
     // What the gyro says of the wheels' report and of their radii.

@@ -7,6 +7,8 @@
 #include <numbers>
 #include <utility>
 
+#include "firmware/model/sine_cosine.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
@@ -42,9 +44,7 @@ class PathTerm : public Contribution {
   private:
     using Memory = typename Effect::template Memory<double>;
     double one(const Interval& i, double torque, double speed, double angle, Memory& memory, bool right) {
-        // what swings with the angle is best told by the middle of the interval
-        constexpr double kBack = std::is_same_v<Effect, model::TorqueRipple> ? 0.0 : 0.5;
-        const model::PathInstant<double> at{torque,   speed, angle - kBack * speed * i.dt_s, i.t_s, i.dt_s,
+        const model::PathInstant<double> at{torque,   speed, angle - 0.5 * speed * i.dt_s, i.t_s, i.dt_s,
                                             i.span_s, right};
         return Effect::deliver(p_, memory, at) - torque;
     }
@@ -71,24 +71,25 @@ class CastorPath {
   public:
     CastorPath(const Parameters<double>& p, const Setting& s) : p_(p), geometry_(s.geometry) {}
 
-    // Wheel torques of one unit of friction in wheel (0) and pivot (1) over an interval.
+    // Wheel torques of one unit of friction in wheel (0) and pivot (1) over an interval, the one after the
+    // last.
     const std::array<WheelPair<double>, 2>& over(const Interval& i) {
         if (i.t_s == at_s_) return torque_;
-        const auto twist = [&](const WheelPair<double>& w) {
-            return model::twist_from_wheel_speeds(geometry_, w);
-        };
-        const Twist<double> u = twist(i.speed());
-        const std::array before = sliding(twist(i.before));
-        Castor::advance(p_, fork_, u, i.dt_s / 2);
-        std::array<model::BodyForce<double>, 2> direction;
-        for (unsigned j = 0; j < 2; ++j) direction[j] = Castor::direction(j, p_, fork_);
-        Castor::advance(p_, fork_, u, i.dt_s / 2);
-        const std::array after = sliding(twist(i.after));
+        if (at_s_ < 0) sliding_ = sliding(i.before);
+        const std::array before = sliding_;
+        const Fork start = fork_;
+        Castor::advance(p_, fork_, model::twist_from_wheel_speeds(geometry_, i.speed()), i.dt_s);
+        sliding_ = sliding(i.after);
+        Fork middle{start.sine + fork_.sine, start.cosine + fork_.cosine};
+        const double length = std::sqrt(middle.sine * middle.sine + middle.cosine * middle.cosine);
+        middle = length > 0 ? Fork{middle.sine / length, middle.cosine / length} : start;
         for (unsigned j = 0; j < 2; ++j) {
-            const double friction = -mean_sign(before[j], after[j], j == 0 ? 0.0 : kHardlyTurning_rad_per_s);
+            const double friction =
+                -mean_sign(before[j], sliding_[j], j == 0 ? 0.0 : kHardlyTurning_rad_per_s);
+            const model::BodyForce<double> direction = Castor::direction(j, p_, middle);
             torque_[j] = model::wheel_torque_Nm(
-                geometry_, model::BodyForce<double>{friction * direction[j].force_N,
-                                                    friction * direction[j].yaw_torque_Nm});
+                geometry_,
+                model::BodyForce<double>{friction * direction.force_N, friction * direction.yaw_torque_Nm});
         }
         at_s_ = i.t_s;
         return torque_;
@@ -97,18 +98,21 @@ class CastorPath {
 
   private:
     using Castor = model::CastorDrag;
+    using Fork = Castor::Memory<double>;
     // A fork that trails straight turns by what the wheels' noise makes of a yaw rate, to and fro.
     static constexpr double kHardlyTurning_rad_per_s = 0.05;
 
-    std::array<double, 2> sliding(const Twist<double>& u) const {
+    std::array<double, 2> sliding(const WheelPair<double>& w) const {
+        const Twist<double> u = model::twist_from_wheel_speeds(geometry_, w);
         return {Castor::sliding(Castor::direction(0, p_, fork_), u),
                 Castor::sliding(Castor::direction(1, p_, fork_), u)};
     }
 
     Parameters<double> p_;
     model::Geometry<double> geometry_;
-    Castor::Memory<double> fork_;
-    double at_s_ = -1e300;
+    Fork fork_;
+    std::array<double, 2> sliding_{};
+    double at_s_ = -1;
     std::array<WheelPair<double>, 2> torque_;
 };
 
@@ -120,14 +124,75 @@ class CastorTerm : public Contribution {
         const auto& unit = path_->over(i);
         return {p_[0] * unit[0].left + p_[1] * unit[1].left, p_[0] * unit[0].right + p_[1] * unit[1].right};
     }
-    // Goes by another's path where that is the same.
-    void share(const CastorTerm& other) {
-        if (other.path_->is(p_)) path_ = other.path_;
+    void share(const Contribution& other) override {
+        const auto* castor = dynamic_cast<const CastorTerm*>(&other);
+        if (castor != nullptr && castor->path_->is(p_)) path_ = castor->path_;
     }
 
   private:
     Parameters<double> p_;
     std::shared_ptr<CastorPath> path_;
+};
+
+// Sine and cosine of both wheels' angles times 1, 2, ...: what ripples of all orders share.
+class Harmonics {
+  public:
+    static constexpr std::size_t kMost = 14;
+    using Wave = std::array<model::SineCosine<double>, kMost + 1>;
+
+    const WheelPair<Wave>& at(const Interval& i) {
+        if (i.t_s != at_s_) {
+            fill(wave_.left, i.angle.left);
+            fill(wave_.right, i.angle.right);
+            at_s_ = i.t_s;
+        }
+        return wave_;
+    }
+
+  private:
+    static void fill(Wave& wave, double angle_rad) {
+        wave[0] = {0, 1};
+        wave[1] = model::sine_cosine(angle_rad);
+        for (std::size_t n = 2; n <= kMost; ++n) {
+            wave[n] = {wave[n - 1].sine * wave[1].cosine + wave[n - 1].cosine * wave[1].sine,
+                       wave[n - 1].cosine * wave[1].cosine - wave[n - 1].sine * wave[1].sine};
+        }
+    }
+    double at_s_ = -1e300;
+    WheelPair<Wave> wave_;
+};
+
+// What swings with the angle is best told by the middle of the interval.
+class RippleTerm : public Contribution {
+  public:
+    RippleTerm(const Parameters<double>& p, const Setting&)
+        : amplitude_Nm_(p[0]),
+          order_(p[1]),
+          shared_(p[1] == std::floor(p[1]) && p[1] >= 0 && p[1] <= double(Harmonics::kMost)),
+          phase_(model::sine_cosine(p[2])),
+          harmonics_(std::make_shared<Harmonics>()) {}
+    WheelPair<double> over(const Interval& i) override {
+        if (!shared_) {
+            return {ripple(model::sine_cosine(order_ * i.angle.left)),
+                    ripple(model::sine_cosine(order_ * i.angle.right))};
+        }
+        const auto& wave = harmonics_->at(i);
+        const auto n = static_cast<std::size_t>(order_);
+        return {ripple(wave.left[n]), ripple(wave.right[n])};
+    }
+    void share(const Contribution& other) override {
+        const auto* ripple = dynamic_cast<const RippleTerm*>(&other);
+        if (ripple != nullptr) harmonics_ = ripple->harmonics_;
+    }
+
+  private:
+    double ripple(const model::SineCosine<double>& wave) const {
+        return amplitude_Nm_ * (wave.sine * phase_.cosine + wave.cosine * phase_.sine);
+    }
+    double amplitude_Nm_, order_;
+    bool shared_;
+    model::SineCosine<double> phase_;
+    std::shared_ptr<Harmonics> harmonics_;
 };
 
 class CogLateralTerm : public Contribution {
@@ -261,6 +326,10 @@ struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
 };
 template <>
+struct TermOf<model::TorqueRipple> {
+    using Type = RippleTerm;
+};
+template <>
 struct TermOf<model::StribeckFriction> {
     using Type = StribeckTerm;
 };
@@ -348,11 +417,15 @@ Grid grid_of<model::CastorDrag>(const Setting& s) {
             grid.points.push_back({0, 0, arm * s.geometry.track_m, trail});
     }
     // the trail has minima beside the right one
-    const double spread = s.closer_looks > 0 ? std::pow(4.0, -s.closer_looks) : 0.0;
-    if (spread > 0.01) {
+    if (s.closer_looks > 0) {
+        const double spread = std::pow(4.0, -s.closer_looks);
         grid.closer = [=](const Parameters<double>& at) {
-            return std::vector<Parameters<double>>{
-                {at[0], at[1], at[2], at[3] * (1 - spread)}, {at[0], at[1], at[2], at[3] * (1 + spread)}, at};
+            std::vector<Parameters<double>> points{at};
+            if (spread > 0.01) {
+                for (const double factor : {1 - spread, 1 + spread})
+                    points.insert(points.begin(), {at[0], at[1], at[2], factor * at[3]});
+            }
+            return points;
         };
     }
     return grid;
@@ -747,35 +820,42 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
 }
 
 Dictionary::Walker::Walker(const Dictionary& dictionary) : dictionary_(dictionary) {
-    std::vector<CastorTerm*> castors;
     for (const Term& t : dictionary.terms_) {
         term_.push_back(contribution(t.effect, t.parameters, dictionary.setting_));
-        auto* castor = dynamic_cast<CastorTerm*>(term_.back().get());
-        if (castor == nullptr) continue;
-        for (const CastorTerm* other : castors) castor->share(*other);
-        castors.push_back(castor);
+        for (std::size_t i = 0; i + 1 < term_.size(); ++i) {
+            if (dictionary.terms_[i].effect == t.effect) term_.back()->share(*term_[i]);
+        }
     }
-    now_.resize(term_.size());
+    term_sums_.resize(term_.size());
+    columns_.resize(dictionary.columns_.size() - kTorque);
 }
 
-void Dictionary::Walker::compute(const Interval& i, bool standing) {
+void Dictionary::Walker::forget() {
+    std::fill(term_sums_.begin(), term_sums_.end(), WheelPair<double>{});
+    std::fill(columns_.begin(), columns_.end(), WheelPair<double>{});
+}
+
+void Dictionary::Walker::add(const WheelPair<double>& pair) {
+    columns_[at_].left += pair.left;
+    columns_[at_].right += pair.right;
+    ++at_;
+}
+
+void Dictionary::Walker::step(const Interval& i, bool standing) {
     if (first_) slow_torque_ = i.torque;
     first_ = false;
-    for (std::size_t t = 0; t < term_.size(); ++t) now_[t] = term_[t]->over(i);
-    if (standing) {
-        values_.assign(dictionary_.columns_.size() - kTorque, {});
-    } else {
-        values_.push_back(i.torque);
-        values_.push_back({i.torque_before.left - i.torque.left, i.torque_before.right - i.torque.right});
-        effect_columns(i);
-        for (const Probe& probe : dictionary_.probes_) {
-            WheelPair<double> pair = now_[probe.plus];
-            if (probe.minus != kNone) {
-                pair.left -= now_[probe.minus].left;
-                pair.right -= now_[probe.minus].right;
-            }
-            values_.push_back({probe.scale * pair.left, probe.scale * pair.right});
-        }
+    for (std::size_t t = 0; t < term_.size(); ++t) {
+        const WheelPair<double> pair = term_[t]->over(i);
+        if (standing) continue;
+        term_sums_[t].left += pair.left;
+        term_sums_[t].right += pair.right;
+    }
+    if (!standing) {
+        at_ = 0;
+        add(i.torque);
+        add({i.torque_before.left - i.torque.left, i.torque_before.right - i.torque.right});
+        add_effects(i);
+        at_ += dictionary_.probes_.size();
         Instant at;
         at.torque = i.torque;
         at.speed = i.speed();
@@ -784,7 +864,7 @@ void Dictionary::Walker::compute(const Interval& i, bool standing) {
         at.twist = model::twist_from_wheel_speeds(dictionary_.setting_.geometry, at.speed);
         at.heading = i.heading_rad;
         at.time = i.t_s;
-        for (const Rich& rich : kRich) values_.push_back(rich.value(at));
+        for (const Rich& rich : kRich) add(rich.value(at));
     }
     constexpr double kSlow_s = 0.02;
     const double share = i.dt_s / (i.dt_s + kSlow_s);
@@ -792,8 +872,21 @@ void Dictionary::Walker::compute(const Interval& i, bool standing) {
     slow_torque_.right += share * (i.torque.right - slow_torque_.right);
 }
 
+// The points' columns are differences of contributions.
+void Dictionary::Walker::combine() {
+    std::size_t column = std::size_t(dictionary_.rich_.first) - kTorque - dictionary_.probes_.size();
+    for (const Probe& probe : dictionary_.probes_) {
+        WheelPair<double> pair = term_sums_[probe.plus];
+        if (probe.minus != kNone) {
+            pair.left -= term_sums_[probe.minus].left;
+            pair.right -= term_sums_[probe.minus].right;
+        }
+        columns_[column++] = {probe.scale * pair.left, probe.scale * pair.right};
+    }
+}
+
 // The wheel torque of one unit of each coordinate of each linear effect.
-void Dictionary::Walker::effect_columns(const Interval& i) {
+void Dictionary::Walker::add_effects(const Interval& i) {
     const Setting& s = dictionary_.setting_;
     const WheelPair<double> speed = i.speed();
     const model::Motion<double> motion{speed, i.angle, model::twist_from_wheel_speeds(s.geometry, speed),
@@ -808,9 +901,9 @@ void Dictionary::Walker::effect_columns(const Interval& i) {
                     model::wheel_torque_Nm(s.geometry, Effect::template dry_direction<double>(k));
                 const double amount =
                     -mean_sign(model::sliding_speed(d, i.before), model::sliding_speed(d, i.after));
-                values_.push_back({amount * d.left, amount * d.right});
+                add({amount * d.left, amount * d.right});
             } else if constexpr (model::kCoordinates<Effect> > 0) {
-                values_.push_back(model::smooth_column<Effect>(k, context));
+                add(model::smooth_column<Effect>(k, context));
             }
         }
     });

@@ -57,6 +57,8 @@ class Contribution {
   public:
     virtual ~Contribution() = default;
     virtual WheelPair<double> over(const Interval& interval) = 0;
+    // What both need is computed once; both are then given the same intervals.
+    virtual void share(const Contribution& /*other*/) {}
 };
 std::unique_ptr<Contribution> contribution(std::size_t effect, const model::Parameters<double>& parameters,
                                            const Setting& setting);
@@ -117,25 +119,31 @@ class Dictionary {
     // Of an effect that is not linear.
     std::span<const Way> ways(std::size_t effect) const { return ways_[effect]; }
 
-    // Computes all columns but kProduct along a log.
+    // Sums all columns but kProduct along a log.
     class Walker {
       public:
         explicit Walker(const Dictionary& dictionary);
-        // `take(column, pair)` for each column from kTorque on; standing: nothing acts, but time passes.
+        // Goes on by an interval; standing: nothing acts, but time passes.
+        void step(const Interval& interval, bool standing);
+        // The sums since the last time: `take(column, pair)` for each column from kTorque on.
         template <typename Take>
-        void step(const Interval& interval, bool standing, Take&& take) {
-            values_.clear();
-            compute(interval, standing);
-            for (std::size_t i = 0; i < values_.size(); ++i) take(static_cast<int>(i) + kTorque, values_[i]);
+        void take_sums(Take&& take) {
+            combine();
+            for (std::size_t i = 0; i < columns_.size(); ++i)
+                take(static_cast<int>(i) + kTorque, columns_[i]);
+            forget();
         }
+        void forget();
 
       private:
-        void compute(const Interval& interval, bool standing);
-        void effect_columns(const Interval& interval);
+        void add(const WheelPair<double>& pair);
+        void add_effects(const Interval& interval);
+        void combine();
 
         const Dictionary& dictionary_;
         std::vector<std::unique_ptr<Contribution>> term_;
-        std::vector<WheelPair<double>> now_, values_;
+        std::vector<WheelPair<double>> term_sums_, columns_;
+        std::size_t at_ = 0;  // the column that is next
         WheelPair<double> slow_torque_;
         bool first_ = true;
     };

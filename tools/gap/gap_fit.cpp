@@ -162,10 +162,11 @@ void start(const Products& sum, const Used& used, const ModelShape& shape, Eigen
 
 double square_of(const Eigen::MatrixXd& product, const Eigen::VectorXd& c) { return c.dot(product * c); }
 
-// Covariance from the blocks' scores, each set right for what it has pulled the fit to itself: "CR2" of Bell
-// and McCaffrey, Survey Methodology 28 (2002), in coordinates in which the normal matrix is one.
+// Covariance from the blocks' scores, as they are or each set right for what it has pulled the fit to itself:
+// "CR2" of Bell and McCaffrey, Survey Methodology 28 (2002), in coordinates in which the normal matrix is
+// one.
 Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Used& used, const Coefficients& c,
-                                     const Eigen::MatrixXd& normal, std::size_t equations) {
+                                     const Eigen::MatrixXd& normal, std::size_t equations, bool set_right) {
     constexpr double kAlone = 1e-3;  // share of what is known of a direction that the others must tell
     const Eigen::VectorXd scale = normal.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::LLT<Eigen::MatrixXd> root(scale.asDiagonal() * normal * scale.asDiagonal());
@@ -180,6 +181,11 @@ Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Used& used, con
             own += c.slope[e].transpose() * weighted;
         }
         score = root.matrixL().solve(scale.cwiseProduct(score));
+        if (!set_right) {
+            const double n = double(blocks.size());
+            meat += (n > 2 ? n / (n - 1) : 2.0) * score * score.transpose();
+            continue;
+        }
         own = root.matrixL().solve(scale.asDiagonal() * own * scale.asDiagonal());
         own = root.matrixL().solve(own.transpose()).eval();
         const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(own);
@@ -243,16 +249,17 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     }
     result.squares = squares(blocks, result);
     result.rows = row_count(blocks, shape);
-    if (spread == Spread::known) {
-        result.covariance =
-            covariance_of_blocks(blocks, used, coefficients(used, p, true), normal, equations);
-        // Never below what independent rows of the residual's level would give: what one block alone tells
-        // has no spread between blocks.
-        const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));
-        const Eigen::MatrixXd inverse = normal.ldlt().solve(Eigen::MatrixXd::Identity(size, size));
-        for (Eigen::Index i = 0; i < size; ++i) {
-            result.covariance(i, i) = std::max(result.covariance(i, i), inverse(i, i) * level);
-        }
+    if (spread == Spread::left_out) return result;
+    const bool plain = spread == Spread::plain;
+    result.covariance =
+        covariance_of_blocks(blocks, used, coefficients(used, p, true), normal, equations, !plain);
+    // Never below what independent rows of the residual's level would give: what one block alone tells has
+    // no spread between blocks.
+    const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));
+    const Eigen::MatrixXd inverse = normal.ldlt().solve(Eigen::MatrixXd::Identity(size, size));
+    for (Eigen::Index i = 0; i < size; ++i) {
+        const double least = inverse(i, i) * (plain ? std::min(1.0, level) : level);
+        result.covariance(i, i) = std::max(result.covariance(i, i), least);
     }
     return result;
 }

@@ -32,8 +32,10 @@ struct Fit {
     double error(Eigen::Index i) const { return std::sqrt(std::max(0.0, covariance(i, i))); }
 };
 
-// Whether the covariance is wanted: it takes as long as the rest.
-enum class Spread { known, left_out };
+// Which covariance is wanted. `known` is set right for leverage and takes as long as the rest; `plain`, the
+// sandwich of the blocks' scores as they are, is for tests of whether something is there at all, in which a
+// block that alone shows it must not be held against it; `left_out` is none.
+enum class Spread { known, plain, left_out };
 Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread = Spread::known);
 
 // Sum of the squared whitened residual on other blocks.

@@ -160,9 +160,7 @@ class Maker {
         angle_.right += dt * mean.right;
         return interval;
     }
-    void pass(const LogPart& part, std::size_t i) {
-        walker_->step(next(part, i), true, [](int, const WheelPair<double>&) {});
-    }
+    void pass(const LogPart& part, std::size_t i) { walker_->step(next(part, i), true); }
 
     // Short intervals are put together: the equation of their sum is as exact.
     void block(const LogPart& part, std::size_t begin, std::size_t end) {
@@ -197,13 +195,16 @@ class Maker {
                 x[kTurning](Dictionary::kProduct, row) +=
                     dt * mean_product(u0.v_m_per_s, u1.v_m_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s);
             }
+            walker_->step(interval, stands);
+            if ((n - begin) % together != together - 1) continue;
+            const bool for_power = row % kPowerOf == 0;
             const double share = 1 / double(together);
-            walker_->step(interval, stands, [&](int column, const WheelPair<double>& pair) {
-                x[kLinear](column, row) += dt * pair.sum();
-                x[kTurning](column, row) += dt * pair.difference();
-                if (row % kPowerOf != 0) return;
-                wheels(column, 2 * (row / kPowerOf)) += share * pair.left;
-                wheels(column, 2 * (row / kPowerOf) + 1) += share * pair.right;
+            walker_->take_sums([&](int column, const WheelPair<double>& pair) {
+                x[kLinear](column, row) = dt * pair.sum();
+                x[kTurning](column, row) = dt * pair.difference();
+                if (!for_power) return;
+                wheels(column, 2 * (row / kPowerOf)) = share * pair.left;
+                wheels(column, 2 * (row / kPowerOf) + 1) = share * pair.right;
             });
         }
         looked_at_ += looked_at;

@@ -276,7 +276,7 @@ class Searcher {
         Way& last = tested.back();
         last.amounts = directions(last);
         last.fixed.clear();
-        const Fit f = fit(blocks, shape_of(tested));
+        const Fit f = fit(blocks, shape_of(tested), Spread::plain);
         const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
         const auto n = static_cast<Eigen::Index>(last.amounts.size());
         const double degrees = std::max(1.0, double(blocks.size()) - 4 - double(n));
@@ -460,45 +460,54 @@ class Searcher {
         }
     }
 
-    // Where much is missing and nothing alone is sure, each of two may be beside the other.
+    // Where much is missing and nothing alone is sure, each of two may be beside the other: one that gains
+    // much, and any other, which alone may gain nothing.
     bool add_two(const std::vector<Trial>& trials, double closable) {
-        constexpr std::size_t kBest = 10;
-        double most = 0;
-        std::array<Trial, 2> best;
-        for (std::size_t i = 0; i < std::min(kBest, trials.size()); ++i) {
-            for (std::size_t j = 0; j < i; ++j) {
-                const Trial& a = trials[i];
-                const Trial& b = trials[j];
-                if (!a.in_range || !b.in_range || a.gain <= 0 || b.gain <= 0) continue;
-                const Trial first = attempt(a.way.effect, with(members_, b.way));
-                const Trial second = attempt(b.way.effect, with(members_, a.way));
-                const double gain = b.gain + first.gain;
-                if (gain <= most || !acceptable(first, trials.size(), 0) ||
-                    !acceptable(second, trials.size(), 0) || gain < kLeastShareOfClosable * closable) {
-                    continue;
-                }
-                most = gain;
-                best = {first, second};
+        constexpr std::size_t kLeaders = 5;
+        struct Pair {
+            const Trial* leader;
+            Trial other;
+            double gain;
+        };
+        std::vector<Pair> pairs;
+        for (std::size_t i = 0; i < std::min(kLeaders, trials.size()); ++i) {
+            const Trial& leader = trials[i];
+            if (!leader.in_range || leader.gain <= 0) continue;
+            for (const Trial& t : trials) {
+                if (t.way.effect == leader.way.effect) continue;
+                const Trial other = attempt(t.way.effect, with(members_, leader.way));
+                const double gain = leader.gain + other.gain;
+                if (acceptable(other, trials.size(), 0) && gain >= kLeastShareOfClosable * closable)
+                    pairs.push_back({&leader, other, gain});
             }
         }
-        if (most == 0) return false;
-        for (const Trial& t : best) {
-            probability_[t.way.effect] = t.probability;
-            members_.push_back(t.way);
+        std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) { return a.gain > b.gain; });
+        for (const Pair& pair : pairs) {
+            const Trial leader = attempt(pair.leader->way.effect, with(members_, pair.other.way));
+            if (!acceptable(leader, trials.size(), 0)) continue;
+            for (const Trial* t : {&leader, &pair.other}) {
+                probability_[t->way.effect] = t->probability;
+                members_.push_back(t->way);
+            }
+            return true;
         }
-        return true;
+        return false;
     }
 
-    // What the effects found later made superfluous goes.
+    // What the effects found later made superfluous goes: not surely there, and nothing much is missing
+    // without.
     void backward() {
         for (std::size_t i = base_members_; i < members_.size();) {
             const Fit f = fit(all_, shape_of(members_));
-            const Members last = with(without(members_, i), members_[i]);
-            if (probability_of_last(all_, last) <= kSuperfluous &&
-                effect_torque_share(members_, i, f) >= kSizeOfInterest) {
+            const Members fewer = without(members_, i);
+            const double left = cross_validated(all_, fewer);
+            const double gain = left - cross_validated(all_, members_);
+            const bool needed = probability_of_last(all_, with(fewer, members_[i])) <= kSuperfluous ||
+                                gain > kLeastShareOfClosable * (left - std::min(left, result_.floor * rows_));
+            if (needed && effect_torque_share(members_, i, f) >= kSizeOfInterest) {
                 ++i;
             } else {
-                members_ = without(members_, i);
+                members_ = fewer;
             }
         }
     }
@@ -673,7 +682,10 @@ class Searcher {
             // a general effect that does no better than its special case is that
             rival.alike = likeness(all_, bare, directions(mine), directions(*best)) > kAlike ||
                           (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
-            rival.coarse = best->kind == Way::Kind::grid && dictionary_.can_focus(r);
+            const std::vector<Way> all = ways(r);
+            rival.coarse = dictionary_.can_focus(r) &&
+                           std::all_of(all.begin(), all.end(),
+                                       [](const Way& way) { return way.kind == Way::Kind::grid; });
             if (rival.keeps > 0.3) note_point(other, other.size() - 1, instead);
             std::vector<double> loss = left_out(all_, other);
             rival.richer =

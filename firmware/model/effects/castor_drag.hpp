@@ -3,7 +3,6 @@
 #include <array>
 
 #include "firmware/model/effect.hpp"
-#include "firmware/model/sine_cosine.hpp"
 
 namespace wheelwright::model {
 
@@ -30,9 +29,12 @@ struct CastorDrag {
         "",
         "its swivel angle is not measured; the integrators take up its slow part"};
 
+    // Where the fork points, as sine and cosine of its angle; as it begins, the castor trails as in driving
+    // straight ahead.
     template <typename Real>
     struct Memory {
-        Real swivel_rad{};  // 0: the castor trails as in driving straight ahead
+        Real sine{0};
+        Real cosine{1};
     };
 
     // Force on the body of one unit of friction j (0 rolling, 1 swivel) against positive sliding, reversed:
@@ -40,10 +42,9 @@ struct CastorDrag {
     template <typename Real>
     static constexpr BodyForce<Real> direction(unsigned j, const Parameters<Real>& p,
                                                const Memory<Real>& memory) {
-        const auto [sine, cosine] = sine_cosine(memory.swivel_rad);
-        if (j == 0) return {cosine, p[2] * sine};
+        if (j == 0) return {memory.cosine, p[2] * memory.sine};
         const Real trail = trail_m(p);
-        return {-sine / trail, p[2] * cosine / trail - 1};
+        return {-memory.sine / trail, p[2] * memory.cosine / trail - 1};
     }
 
     template <typename Real>
@@ -56,14 +57,14 @@ struct CastorDrag {
     static constexpr void advance(const Parameters<Real>& p, Memory<Real>& memory, const Twist<Real>& u,
                                   Real step_s) {
         const auto size = [](Real x) { return x < 0 ? -x : x; };
-        const auto rate = [&](Real angle) { return sliding(direction(1, p, Memory<Real>{angle}), u); };
+        const auto rate = [&](const Memory<Real>& fork) { return sliding(direction(1, p, fork), u); };
         const Real most =
             (size(u.v_m_per_s) + size(p[2] * u.omega_rad_per_s)) / trail_m(p) + size(u.omega_rad_per_s);
         const int steps = 1 + static_cast<int>(most * step_s * 10);
         const Real h = step_s / static_cast<Real>(steps);
         for (int i = 0; i < steps; ++i) {
-            const Real middle = memory.swivel_rad + h / 2 * rate(memory.swivel_rad);
-            memory.swivel_rad += h * rate(middle);
+            const Memory<Real> middle = turned(memory, h / 2 * rate(memory));
+            memory = turned(memory, h * rate(middle));
         }
     }
 
@@ -84,6 +85,19 @@ struct CastorDrag {
     }
 
   private:
+    // By Cayley's rational rotation, which keeps the length; within 1e-7 rad for angles to 0.1.
+    template <typename Real>
+    static constexpr Memory<Real> turned(const Memory<Real>& fork, Real angle_rad) {
+        const Real half = angle_rad / 2;
+        const Real tangent = half + half * half * half / 3;
+        const Real scale = 1 / (1 + tangent * tangent);
+        const Real s = 2 * tangent * scale;
+        const Real c = (1 - tangent * tangent) * scale;
+        // one step of Newton's for the length, which rounding would let drift
+        const Real length = (3 - fork.sine * fork.sine - fork.cosine * fork.cosine) / 2;
+        return {length * (fork.sine * c + fork.cosine * s), length * (fork.cosine * c - fork.sine * s)};
+    }
+
     template <typename Real>
     static constexpr Real trail_m(const Parameters<Real>& p) {
         return p[3] > Real(0.001) ? p[3] : Real(0.001);
