@@ -54,27 +54,9 @@ class Analysis {
         if (!good()) return findings_;
         request_.progress("search");
         look_for_effects();
-        // Columns may depend on K5..K8 (a slope's do), which what was missing had
-        // spoilt, and on where an effect that is not linear was looked for.
-        for (int again = 0; again < kMostPasses && !findings_.search.effects.empty(); ++again) {
-            const model::Dynamics<double> found =
-                dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
-            if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
-            const Points points = findings_.search.points;
-            Pass before{findings_.search, *dictionary_, std::move(train_), std::move(report_)};
-            ++closer_looks_;
-            look_closer_at_events();
-            make(found, points, again < kBroadPasses);
-            look_for_effects();
-            keep_what_was_not_tried(before.search);
-            if (is_worse(findings_.search, before.search)) {
-                findings_.search = std::move(before.search);
-                dictionary_.emplace(std::move(before.dictionary));
-                train_ = std::move(before.train);
-                report_ = std::move(before.report);
-                break;
-            }
-        }
+        look_with_a_guess();
+        look_closer(kBroadPasses);
+        look_without_the_least();
         refine();
         refine_names();
         name_sensors();
@@ -93,6 +75,13 @@ class Analysis {
         Dictionary dictionary;
         BlockSet train, report;
     };
+    Pass take_pass() { return {findings_.search, *dictionary_, std::move(train_), std::move(report_)}; }
+    void take_back(Pass& before) {
+        findings_.search = std::move(before.search);
+        dictionary_.emplace(std::move(before.dictionary));
+        train_ = std::move(before.train);
+        report_ = std::move(before.report);
+    }
     // A closer look has columns for what came near only.
     void keep_what_was_not_tried(const Search& earlier) {
         Search& now = findings_.search;
@@ -280,6 +269,9 @@ class Analysis {
         options.base = base_effects();
         options.given = given_;
         options.excluded = excluded_;
+        for (std::size_t i = 0; !only_.empty() && i < model::kEffectCount; ++i) {
+            if (std::find(only_.begin(), only_.end(), i) == only_.end()) options.excluded.push_back(i);
+        }
         // a report that lags by much is known only so well, and coarse counts are no white noise
         constexpr double kGapBehindLag = 0.06;
         if (given_.contains(model::find_effect("measurement_lag"))) options.large_gap = kGapBehindLag;
@@ -289,6 +281,20 @@ class Analysis {
         for (const NamedEffect& e : findings_.search.effects) options.confirmed.push_back(e.effect);
         options.turning = findings_.turning;
         findings_.search = search(train_, report_.blocks, options);
+    }
+
+    // Where much is missing, K5..K8 without it may be far off, and with them the columns of effects that act
+    // through them: what is there looks as if it were not.
+    void look_with_a_guess() {
+        const Search& s = findings_.search;
+        if (s.verdict != Verdict::unexplained || !s.effects.empty() || !s.guess) return;
+        const model::Dynamics<double> likely =
+            dynamics_of(*s.guess, findings_.turning, request_.geometry.track_m);
+        if (!(likely.k7_per_kg_m > 0) || close(likely, dictionary_->setting().dynamics)) return;
+        Pass before = take_pass();
+        make(likely, {});
+        look_for_effects();
+        if (findings_.search.effects.empty()) take_back(before);
     }
 
     // Times of events are tried closer together, but not much closer than they can be told apart.
@@ -344,6 +350,65 @@ class Analysis {
                 same = same && std::abs(found[j] - way.at[j]) <= kSame * std::abs(found[j]);
             return same;
         });
+    }
+
+    // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
+    // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
+    void look_closer(int broad) {
+        for (int again = 0; again < kMostPasses && !findings_.search.effects.empty(); ++again) {
+            const model::Dynamics<double> found = dynamics_found();
+            if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
+            Pass before = take_pass();
+            const Points points = before.search.points;
+            ++closer_looks_;
+            look_closer_at_events();
+            make(found, points, again < broad);
+            look_for_effects();
+            keep_what_was_not_tried(before.search);
+            if (is_worse(findings_.search, before.search)) {
+                take_back(before);
+                break;
+            }
+        }
+    }
+    model::Dynamics<double> dynamics_found() const {
+        return dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
+    }
+
+    // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
+    // Whether it is there still, once the others have found their places without it?
+    void look_without_the_least() {
+        constexpr double kNextToNothing = 0.05;
+        const Search& s = findings_.search;
+        if (s.effects.size() < 2 || s.verdict == Verdict::unexplained ||
+            s.effects.back().closes > kNextToNothing)
+            return;
+        std::vector<std::size_t> others;
+        Points points;
+        for (std::size_t i = 0; i + 1 < s.effects.size(); ++i) {
+            others.push_back(s.effects[i].effect);
+            const auto found = s.points.find(others.back());
+            if (found != s.points.end()) points.insert(*found);
+        }
+        if (points.empty()) return;  // what is linear has one place
+        Pass before{findings_.search, *dictionary_, train_, report_};
+        only_ = others;
+        closer_looks_ = 0;
+        make(dynamics_found(), points, false);
+        look_for_effects();
+        look_closer(0);
+        only_.clear();
+        if (findings_.search.effects.size() == others.size()) {
+            make(dynamics_found(), Points(findings_.search.points), true);
+            look_for_effects();
+            keep_what_was_not_tried(before.search);
+            if (findings_.search.effects.size() == others.size() &&
+                findings_.search.verdict != Verdict::unexplained) {
+                look_closer(0);
+                return;
+            }
+        }
+        take_back(before);
     }
 
     // What the gyro says of the wheels' report and of their radii.
@@ -777,6 +842,7 @@ class Analysis {
     Sensors sensors_;
     Points given_;
     std::vector<std::size_t> excluded_;
+    std::vector<std::size_t> only_;  // these are looked for, or, if none, all
     BlockSet train_, report_;
     double speed_rms_ = 0;
     int closer_looks_ = 0;

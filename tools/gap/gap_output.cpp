@@ -272,6 +272,8 @@ std::vector<task::FileChange> changes(const Findings& f, const Request& request)
         if (is_unknowable(f, k.key)) continue;
         const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
         if (info == nullptr || k.value < info->minimum || k.value > info->maximum) continue;
+        // a robot file holds no K6 without K5
+        if (k.key == std::string_view("k6_per_m") && all.empty()) continue;
         all.push_back({"dynamics." + std::string(k.key), k.value});
         all.push_back({"dynamics_standard_error." + std::string(k.key), k.error});
     }

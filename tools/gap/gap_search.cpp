@@ -470,6 +470,7 @@ class Searcher {
             double gain;
         };
         std::vector<Pair> pairs;
+        double most = 0;
         for (std::size_t i = 0; i < std::min(kLeaders, trials.size()); ++i) {
             const Trial& leader = trials[i];
             if (!leader.in_range || leader.gain <= 0) continue;
@@ -477,6 +478,10 @@ class Searcher {
                 if (t.way.effect == leader.way.effect) continue;
                 const Trial other = attempt(t.way.effect, with(members_, leader.way));
                 const double gain = leader.gain + other.gain;
+                if (members_.size() == base_members_ && other.in_range && gain > most) {
+                    most = gain;
+                    result_.guess = fit(all_, shape_of(with(with(members_, leader.way), other.way)));
+                }
                 if (acceptable(other, trials.size(), 0) && gain >= kLeastShareOfClosable * closable)
                     pairs.push_back({&leader, other, gain});
             }
@@ -502,8 +507,10 @@ class Searcher {
             const Members fewer = without(members_, i);
             const double left = cross_validated(all_, fewer);
             const double gain = left - cross_validated(all_, members_);
-            const bool needed = probability_of_last(all_, with(fewer, members_[i])) <= kSuperfluous ||
-                                gain > kLeastShareOfClosable * (left - std::min(left, result_.floor * rows_));
+            const bool much = gain > kLeastShareOfClosable * (left - std::min(left, result_.floor * rows_));
+            const bool little = gain < kLeastShareOfAll * (result_.gap_refit - result_.floor) * rows_;
+            const bool needed =
+                !little && (much || probability_of_last(all_, with(fewer, members_[i])) <= kSuperfluous);
             if (needed && effect_torque_share(members_, i, f) >= kSizeOfInterest) {
                 ++i;
             } else {

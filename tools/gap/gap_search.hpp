@@ -92,6 +92,9 @@ struct Search {
     std::size_t blocks = 0;  // that it was fitted to
     Fit base;                // without the named effects
     Fit after;               // with them
+    // Where nothing could be named, yet much is missing: with the two effects that gain most, surely there or
+    // not. Its K5..K8 are likelier than the base's.
+    std::optional<Fit> guess;
     Points points;  // where the effects that are not linear fit best, for a dictionary with a closer look
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
