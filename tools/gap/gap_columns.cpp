@@ -7,6 +7,8 @@
 #include <numbers>
 #include <utility>
 
+#include "tools/gap/gap_places.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
@@ -256,7 +258,7 @@ struct TermOf {
     using Type = void;
 };
 template <typename Effect>
-requires model::InTorquePath<Effect>
+    requires model::InTorquePath<Effect>
 struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
 };
@@ -657,7 +659,7 @@ std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::V
     return {p, true};
 }
 
-Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids)
+Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, bool places)
     : setting_(setting), linear_(model::kEffectCount), ways_(model::kEffectCount) {
     columns_.resize(kFirstEffect);
     std::array<bool, model::kEffectCount> all{};
@@ -681,6 +683,12 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids)
     rich_.first = static_cast<int>(columns_.size());
     for (const Rich& rich : kRich) columns_.push_back({model::kEffectCount, rich.place});
     rich_.second = static_cast<int>(columns_.size());
+    places_.first = rich_.second;
+    if (places) {
+        for (const PlaceColumns::Kind& kind : PlaceColumns::kinds())
+            columns_.push_back({model::kEffectCount, kind.place});
+    }
+    places_.second = static_cast<int>(columns_.size());
 }
 
 bool Dictionary::can_focus(std::size_t effect) const {
@@ -756,6 +764,8 @@ Dictionary::Walker::Walker(const Dictionary& dictionary) : dictionary_(dictionar
         castors.push_back(castor);
     }
     now_.resize(term_.size());
+    const auto [first, end] = dictionary.places_;
+    if (first != end) places_ = std::make_shared<PlaceColumns>(dictionary.setting_);
 }
 
 void Dictionary::Walker::compute(const Interval& i, bool standing) {
@@ -786,6 +796,8 @@ void Dictionary::Walker::compute(const Interval& i, bool standing) {
         at.time = i.t_s;
         for (const Rich& rich : kRich) values_.push_back(rich.value(at));
     }
+    if (places_ && !standing) places_->append(i, values_);
+    if (places_) places_->advance(i);
     constexpr double kSlow_s = 0.02;
     const double share = i.dt_s / (i.dt_s + kSlow_s);
     slow_torque_.left += share * (i.torque.left - slow_torque_.left);

@@ -60,7 +60,7 @@ struct NamedEffect {
 
 struct Place {
     std::string name;
-    double explains = 0;  // share of the closable gap
+    double explains = 0;  // share of what is missing beside the base
 };
 
 struct Detectable {
@@ -85,7 +85,7 @@ struct Search {
     std::string reason;  // of the verdict, one sentence
     std::vector<NamedEffect> effects;
     std::vector<std::string> unknowable;
-    std::vector<Place> where;
+    std::vector<Place> where;  // the analysis' own (gap_places.hpp), not the search's
     std::vector<Detectable> detectable;
     std::vector<Way> members;  // of `after`, in its order: first those of the base
     std::size_t base_members = 0;
