@@ -523,16 +523,12 @@ class Analysis {
             findings_.search.where.push_back({std::string(structure.place), share});
     }
 
-    // By enough: columns that know nothing of an effect show part of it only, and beside what is explained a
-    // little is left by what is known of an effect only so well.
+    // By enough; beside what a sensor tells only so well, by more.
     bool of_interest(const Structure& left, double explained_share) const {
-        constexpr double kShown = 1 / 3.0;
-        constexpr double kShownBeside = 1 / 2.0;
-        constexpr double kBeside = 0.2;  // of all that is explained
-        double least = (explained_share > 0 ? kShownBeside : kShown) * kSizeOfInterest;
+        double least = explained_share > 0 ? kShownBeside : kShown;
         if (!given_.empty() || coarse_counts()) least = large_gap();
         return left.torque_share >= least &&
-               left.torque_share >= kBeside * std::hypot(explained_share, left.torque_share);
+               left.torque_share >= kShareShownBeside * std::hypot(explained_share, left.torque_share);
     }
 
     // What depends on a place, by more than chance and by enough, is not explained by what was named.

@@ -6,6 +6,7 @@
 #include <complex>
 #include <numeric>
 
+#include "tools/gap/gap_search.hpp"
 #include "tools/gap/gap_statistics.hpp"
 
 namespace wheelwright::gap {
@@ -146,7 +147,6 @@ std::vector<Aspect> aspects_of(const Dictionary& dictionary) {
 
 std::vector<Structure> structures_beside(const Fit& model, const Blocks& blocks,
                                          const std::vector<Aspect>& aspects) {
-    constexpr double kSignificance = 0.01;
     const double torque = torque_squares(blocks, model);
     std::vector<Structure> all;
     for (const Aspect& aspect : aspects) {
