@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "tools/gap/free_run.hpp"
+#include "tools/gap/gap_places.hpp"
 #include "tools/gap/gap_refine.hpp"
 #include "tools/gap/motions.hpp"
 #include "tools/ident/drive_samples.hpp"
@@ -20,6 +21,8 @@ using tools::MeasuredSample;
 constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
 constexpr std::size_t kFewestBlocks = 6;
 constexpr double kHeldOutShare = 0.2;
+constexpr double kSmallMismatch = 0.004;  // of the wheels' radii
+constexpr std::size_t kMeasurementLag = model::find_effect("measurement_lag");
 constexpr int kMostPasses = 6;
 constexpr int kBroadPasses = 1;  // of those, with everything in the catalogue
 
@@ -57,9 +60,11 @@ class Analysis {
         look_with_a_guess();
         look_closer(kBroadPasses);
         look_without_the_least();
+        look_at_what_is_left();
         refine();
         refine_names();
         name_sensors();
+        judge_sensors();
         take_models();
         request_.progress("free run on the held-out part");
         free_runs();
@@ -196,6 +201,9 @@ class Analysis {
                              g.track_m;
         findings_.turning = yaw / count > kTurningOverNoise * noise * noise;
         sensors_ = look_at_sensors(logs_, g);
+        late_report_ = left_out(kMeasurementLag) &&
+                       std::any_of(sensors_.effects.begin(), sensors_.effects.end(),
+                                   [](const SensorEffect& e) { return e.effect == kMeasurementLag; });
         std::erase_if(sensors_.effects, [&](const SensorEffect& e) { return left_out(e.effect); });
         if (sensors_.gyro && findings_.turning) {
             findings_.gyro = sensors_.gyro;
@@ -272,12 +280,8 @@ class Analysis {
         for (std::size_t i = 0; !only_.empty() && i < model::kEffectCount; ++i) {
             if (std::find(only_.begin(), only_.end(), i) == only_.end()) options.excluded.push_back(i);
         }
-        // a report that lags by much is known only so well, and coarse counts are no white noise
-        constexpr double kGapBehindLag = 0.06;
-        if (given_.contains(model::find_effect("measurement_lag"))) options.large_gap = kGapBehindLag;
-        for (const SensorEffect& e : sensors_.effects) {
-            if (e.effect == model::find_effect("encoder_quantisation")) options.white_noise = false;
-        }
+        options.large_gap = large_gap();
+        options.white_noise = !coarse_counts();
         for (const NamedEffect& e : findings_.search.effects) options.confirmed.push_back(e.effect);
         options.turning = findings_.turning;
         findings_.search = search(train_, report_.blocks, options);
@@ -295,6 +299,18 @@ class Analysis {
         make(likely, {});
         look_for_effects();
         if (findings_.search.effects.empty()) take_back(before);
+    }
+
+    // A report that lags by much is known only so well.
+    double large_gap() const {
+        constexpr double kGapBehindLag = 0.06;
+        return given_.contains(kMeasurementLag) ? kGapBehindLag : kLargeGap;
+    }
+    // Which are no white noise.
+    bool coarse_counts() const {
+        return std::any_of(sensors_.effects.begin(), sensors_.effects.end(), [](const SensorEffect& e) {
+            return e.effect == model::find_effect("encoder_quantisation");
+        });
     }
 
     // Times of events are tried closer together, but not much closer than they can be told apart.
@@ -416,7 +432,6 @@ class Analysis {
         if (!sensors_.gyro || !findings_.turning) return;
         const Sensors::Gyro& gyro = *sensors_.gyro;
         constexpr double kShortLag_s = 0.003;
-        constexpr double kSmallMismatch = 0.004;
         const std::size_t lag = model::find_effect("measurement_lag");
         for (const SensorEffect& e : sensors_.effects) {
             if (e.effect == lag) given_[lag] = {e.value};
@@ -499,16 +514,9 @@ class Analysis {
         }
         for (const auto& [effect, parameters] : given_) points[effect] = parameters;
         dictionary_.emplace(setting_for(dynamics), points, grids);
-        BlockOptions options;
-        options.dictionary = &*dictionary_;
-        options.noise_rad_per_s = findings_.noise_rad_per_s;
-        options.speed_rms_rad_per_s = speed_rms_;
-        double total = 0;
-        for (const LogPart& part : training_) total += part.log->period_s * double(part.end - part.first);
-        // two dozens of blocks where the log allows it
-        options.block_s = std::clamp(total / 24, 0.5, 2.0);
+        const BlockOptions options = block_options(*dictionary_);
         train_ = make_blocks(training_, options);
-        const Colour colour = colour_of_rest(train_, known_columns());
+        const Colour colour = colour_of_rest(train_, known_columns(*dictionary_));
         weigh(train_, colour);
         report_ = {};
         if (held_out_) {
@@ -517,10 +525,133 @@ class Analysis {
         }
     }
 
+    BlockOptions block_options(const Dictionary& dictionary) const {
+        BlockOptions options;
+        options.dictionary = &dictionary;
+        options.noise_rad_per_s = findings_.noise_rad_per_s;
+        options.speed_rms_rad_per_s = speed_rms_;
+        double total = 0;
+        for (const LogPart& part : training_) total += part.log->period_s * double(part.end - part.first);
+        // two dozens of blocks where the log allows it
+        options.block_s = std::clamp(total / 24, 0.5, 2.0);
+        return options;
+    }
+
+    // A member of the model as another dictionary has it, which was made with where the members are.
+    static Way same_way(const Dictionary& dictionary, const Way& way) {
+        if (way.kind == Way::Kind::linear) return way;
+        const std::span<const Way> all = dictionary.ways(way.effect);
+        Way same = all.back();  // the focus
+        for (const Way& other : all) {
+            if (way.kind == Way::Kind::grid && other.kind == way.kind && other.at == way.at) same = other;
+        }
+        if (way.amounts.empty()) same.amounts.clear();  // given, and not refitted
+        return same;
+    }
+
+    // What the model found leaves, along all that motion, torque and time have to offer.
+    void look_at_what_is_left() {
+        Search& s = findings_.search;
+        Points points;
+        for (const Way& way : s.members) {
+            const auto found = s.points.find(way.effect);
+            if (found != s.points.end()) points.insert(*found);
+        }
+        for (const auto& [effect, parameters] : given_) points[effect] = parameters;
+        const Dictionary dictionary(
+            setting_for(dynamics_of(s.after, findings_.turning, request_.geometry.track_m)), points, false,
+            true);
+        BlockSet set = make_blocks(training_, block_options(dictionary));
+        weigh(set, colour_of_rest(set, known_columns(dictionary)));
+        const Blocks blocks = pointers(set);
+        const auto model = [&](std::size_t members) {
+            ModelShape shape{{{{Dictionary::kTiming}}}, {}, findings_.turning};
+            for (std::size_t i = 0; i < members; ++i) {
+                const Way way = same_way(dictionary, s.members[i]);
+                shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
+                shape.fixed.insert(shape.fixed.end(), way.fixed.begin(), way.fixed.end());
+            }
+            return fit(blocks, shape, Spread::left_out);
+        };
+        const std::vector<Aspect> aspects = aspects_of(dictionary);
+        const Fit after = model(s.members.size());
+        const Fit base = model(s.base_members);
+        const std::vector<Structure> missing = structures_beside(base, blocks, aspects);
+        const std::vector<Structure> left =
+            s.members.size() == s.base_members ? missing : structures_beside(after, blocks, aspects);
+        const double explained = base.squares - after.squares;
+        double closable = std::max(0.0, explained);
+        if (!missing.empty()) closable = std::max(closable, missing.front().squares);
+        s.where.clear();
+        for (const Structure& m : missing) put_place(m, closable);
+        // columns at other points than the search's may fit worse than none
+        if (explained < 0) return;
+        judge_what_is_left(left, std::sqrt(explained / torque_squares(blocks, after)));
+        if (s.verdict != Verdict::unexplained || s.effects.empty() || left.empty() || !left.front().sure)
+            return;
+        // what is left beside what was named comes first
+        std::erase_if(s.where, [&](const Place& p) { return p.name == left.front().place; });
+        put_place(left.front(), std::max(closable, left.front().squares));
+        std::rotate(s.where.begin(), s.where.end() - 1, s.where.end());
+    }
+
+    void put_place(const Structure& structure, double closable) {
+        constexpr double kLeast = 0.02;
+        const double share = structure.squares / closable;
+        if (share > kLeast || structure.sure)
+            findings_.search.where.push_back({std::string(structure.place), share});
+    }
+
+    // By enough; beside what a sensor tells only so well, by more.
+    bool of_interest(const Structure& left, double explained_share) const {
+        double least = explained_share > 0 ? kShownBeside : kShown;
+        if (!given_.empty() || coarse_counts()) least = large_gap();
+        return left.torque_share >= least &&
+               left.torque_share >= kShareShownBeside * std::hypot(explained_share, left.torque_share);
+    }
+
+    // What depends on a place, by more than chance and by enough, is not explained by what was named.
+    void judge_what_is_left(const std::vector<Structure>& left, double explained_share) {
+        Search& s = findings_.search;
+        if (s.verdict == Verdict::unexplained) return;
+        const auto found = std::find_if(left.begin(), left.end(), [&](const Structure& l) {
+            return l.sure && of_interest(l, explained_share);
+        });
+        if (found == left.end()) return;
+        s.verdict = Verdict::unexplained;
+        s.reason = (s.effects.empty()
+                        ? "no effect that was looked for explains what depends on the "
+                        : "beside what the effects found explain, something is left that depends on the ") +
+                   std::string(found->place) + ": " + percent(found->torque_share) + " of the torque";
+    }
+    static std::string percent(double share) {
+        std::array<char, 20> text{};
+        std::snprintf(text.data(), text.size(), "%.3g %%", 100 * share);
+        return text.data();
+    }
+
+    // A sensor that shows directly what the search was told not to look for: nothing else does that.
+    void judge_sensors() {
+        Search& s = findings_.search;
+        const auto say = [&](const char* place, const std::string& what) {
+            std::erase_if(s.where, [&](const Place& p) { return p.name == place; });
+            s.where.insert(s.where.begin(), {place, 1.0});
+            s.verdict = Verdict::unexplained;
+            s.reason = "the gyro shows " + what + ", which no effect that was looked for does";
+        };
+        if (late_report_) say("lag", "that the wheel speeds are reported late");
+        if (!sensors_.gyro || !findings_.turning || !left_out(model::find_effect("wheel_radius_mismatch")))
+            return;
+        const double mismatch = std::abs(sensors_.gyro->bend_per_m) * request_.geometry.track_m;
+        const double error = sensors_.gyro->bend_error * request_.geometry.track_m;
+        if (mismatch > kSmallMismatch + 3 * error)
+            say("coupling of turning and driving", "that the robot turns as it drives straight on");
+    }
+
     // All but those of effects that are known not to be there.
-    std::vector<int> known_columns() const {
+    std::vector<int> known_columns(const Dictionary& dictionary) const {
         std::vector<int> columns;
-        const std::span<const Column> all = dictionary_->columns();
+        const std::span<const Column> all = dictionary.columns();
         for (std::size_t c = 0; c < all.size(); ++c) {
             if (std::find(excluded_.begin(), excluded_.end(), all[c].effect) == excluded_.end())
                 columns.push_back(static_cast<int>(c));
@@ -844,6 +975,7 @@ class Analysis {
     std::vector<std::size_t> excluded_;
     std::vector<std::size_t> only_;  // these are looked for, or, if none, all
     BlockSet train_, report_;
+    bool late_report_ = false;  // the gyro says so, and it is left out on request
     double speed_rms_ = 0;
     int closer_looks_ = 0;
     double event_spacing_s_ = 0;

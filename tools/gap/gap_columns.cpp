@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "firmware/model/sine_cosine.hpp"
+#include "tools/gap/gap_places.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -730,7 +731,7 @@ std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::V
     return {p, true};
 }
 
-Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids)
+Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, bool places)
     : setting_(setting), linear_(model::kEffectCount), ways_(model::kEffectCount) {
     columns_.resize(kFirstEffect);
     std::array<bool, model::kEffectCount> all{};
@@ -754,6 +755,12 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids)
     rich_.first = static_cast<int>(columns_.size());
     for (const Rich& rich : kRich) columns_.push_back({model::kEffectCount, rich.place});
     rich_.second = static_cast<int>(columns_.size());
+    places_.first = rich_.second;
+    if (places) {
+        for (const PlaceColumns::Kind& kind : PlaceColumns::kinds())
+            columns_.push_back({model::kEffectCount, kind.place});
+    }
+    places_.second = static_cast<int>(columns_.size());
 }
 
 bool Dictionary::can_focus(std::size_t effect) const {
@@ -828,6 +835,8 @@ Dictionary::Walker::Walker(const Dictionary& dictionary) : dictionary_(dictionar
     }
     term_sums_.resize(term_.size());
     columns_.resize(dictionary.columns_.size() - kTorque);
+    const auto [first, end] = dictionary.places_;
+    if (first != end) places_ = std::make_shared<PlaceColumns>(dictionary.setting_);
 }
 
 void Dictionary::Walker::forget() {
@@ -866,6 +875,12 @@ void Dictionary::Walker::step(const Interval& i, bool standing) {
         at.time = i.t_s;
         for (const Rich& rich : kRich) add(rich.value(at));
     }
+    if (places_ && !standing) {
+        place_values_.clear();
+        places_->append(i, place_values_);
+        for (const WheelPair<double>& pair : place_values_) add(pair);
+    }
+    if (places_) places_->advance(i);
     constexpr double kSlow_s = 0.02;
     const double share = i.dt_s / (i.dt_s + kSlow_s);
     slow_torque_.left += share * (i.torque.left - slow_torque_.left);

@@ -95,6 +95,8 @@ struct Way {
 std::pair<model::Parameters<double>, bool> parameters_of(const Way& way, const Eigen::VectorXd& amounts,
                                                          const Setting& setting);
 
+class PlaceColumns;
+
 using Points = std::map<std::size_t, model::Parameters<double>>;
 
 // The columns of an analysis, in their order: base, every coordinate of every linear effect, points of the
@@ -106,14 +108,15 @@ class Dictionary {
     enum Base : int { kProduct, kTorque, kTiming, kFirstEffect };
 
     // `focus`: effects that are to be refined, and from where. Without `grids` the others that are not linear
-    // have no columns, which are most of the work.
-    Dictionary(const Setting& setting, const Points& focus, bool grids = true);
+    // have no columns, which are most of the work. `places`: with the columns of gap_places.hpp, last.
+    Dictionary(const Setting& setting, const Points& focus, bool grids = true, bool places = false);
 
     const Setting& setting() const { return setting_; }
     std::span<const Column> columns() const { return columns_; }
     // First and one past the last.
     std::pair<int, int> linear_columns(std::size_t effect) const { return linear_[effect]; }
     std::pair<int, int> rich_columns() const { return rich_; }
+    std::pair<int, int> place_columns() const { return places_; }
     // Whether an effect that is not linear can be looked at more closely than at the grid's points.
     bool can_focus(std::size_t effect) const;
     // Of an effect that is not linear.
@@ -144,6 +147,8 @@ class Dictionary {
         std::vector<std::unique_ptr<Contribution>> term_;
         std::vector<WheelPair<double>> term_sums_, columns_;
         std::size_t at_ = 0;  // the column that is next
+        std::shared_ptr<PlaceColumns> places_;
+        std::vector<WheelPair<double>> place_values_;
         WheelPair<double> slow_torque_;
         bool first_ = true;
     };
@@ -169,7 +174,7 @@ class Dictionary {
     std::vector<Column> columns_;
     std::vector<std::pair<int, int>> linear_;
     std::vector<std::vector<Way>> ways_;
-    std::pair<int, int> rich_;
+    std::pair<int, int> rich_, places_;
     std::vector<Term> terms_;
     std::vector<Probe> probes_;
 };

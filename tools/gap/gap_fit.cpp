@@ -347,6 +347,74 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
     return total;
 }
 
+std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const std::vector<int>& columns) {
+    constexpr std::size_t kFolds = 5;
+    constexpr double kExpected = 0.1;  // squares of what a column does over those of the torque
+    Used used = used_by(blocks, model.shape);
+    std::vector<Eigen::Index> extra;
+    for (const int c : columns) extra.push_back(place(used.column, c));
+    const Coefficients c = coefficients(used, model.value, true);
+    const std::size_t equations = model.shape.turning ? kEquations : kTurning;
+    const Eigen::Index own = model.value.size();
+    const auto more = static_cast<Eigen::Index>(extra.size());
+    const Eigen::Index size = own + more * static_cast<Eigen::Index>(equations);
+    std::array<Eigen::MatrixXd, kEquations> direction;
+    for (std::size_t e = 0; e < equations; ++e) {
+        direction[e] = Eigen::MatrixXd::Zero(c.slope[e].rows(), size);
+        direction[e].leftCols(own) = c.slope[e];
+        for (Eigen::Index i = 0; i < more; ++i)
+            direction[e](extra[std::size_t(i)], own + Eigen::Index(e) * more + i) = 1;
+    }
+    struct Quadratic {
+        Eigen::MatrixXd normal;
+        Eigen::VectorXd gradient;
+        double at(const Eigen::VectorXd& step) const {
+            const auto n = step.size();
+            return step.dot(normal.topLeftCorner(n, n) * step) - 2 * step.dot(gradient.head(n));
+        }
+    };
+    std::vector<Quadratic> each;
+    Quadratic all{Eigen::MatrixXd::Zero(size, size), Eigen::VectorXd::Zero(size)};
+    for (const Block* block : blocks) {
+        Quadratic q{Eigen::MatrixXd::Zero(size, size), Eigen::VectorXd::Zero(size)};
+        for (std::size_t e = 0; e < equations; ++e) {
+            const Eigen::MatrixXd weighted = picked(block->product[e], used.column) * direction[e];
+            q.normal += direction[e].transpose() * weighted;
+            q.gradient -= weighted.transpose() * c.value[e];
+        }
+        all.normal += q.normal;
+        all.gradient += q.gradient;
+        each.push_back(std::move(q));
+    }
+    // the model's own priors, about where it is
+    Eigen::VectorXd prior = Eigen::VectorXd::Zero(size);
+    prior.head(own) = prior_precision(used, model.shape, sum_of(blocks, used),
+                                      timing_range_samples(blocks.front()->period_s));
+    // a timing beyond the one that a log may have is no part of the model
+    for (std::size_t i = 0; i < model.shape.amounts.size(); ++i) {
+        if (model.shape.amounts[i].columns.front() == Dictionary::kTiming)
+            prior(kFirstAmount + Eigen::Index(i)) = kOut;
+    }
+    const double torque = torque_squares(blocks, model);
+    for (Eigen::Index i = own; i < size; ++i)
+        prior(i) = 1e-12 + (torque > 0 ? all.normal(i, i) / (kExpected * torque) : 0.0);
+    std::vector<double> gain(blocks.size());
+    for (std::size_t fold = 0; fold < std::min(kFolds, blocks.size()); ++fold) {
+        Quadratic rest = all;
+        for (std::size_t b = fold; b < each.size(); b += kFolds) {
+            rest.normal -= each[b].normal;
+            rest.gradient -= each[b].gradient;
+        }
+        rest.normal += prior.asDiagonal();
+        const Eigen::VectorXd without =
+            rest.normal.topLeftCorner(own, own).ldlt().solve(rest.gradient.head(own));
+        const Eigen::VectorXd with = rest.normal.ldlt().solve(rest.gradient);
+        for (std::size_t b = fold; b < each.size(); b += kFolds)
+            gain[b] = each[b].at(without) - each[b].at(with);
+    }
+    return gain;
+}
+
 double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>& wanted,
                 const std::vector<Amount>& rival) {
     // Directions in the space of columns: what `base` can do already, the rival, and what is wanted.

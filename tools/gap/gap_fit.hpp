@@ -54,6 +54,10 @@ double beyond_noise_share(const Blocks& blocks, const Fit& fit);
 // reached at best.
 double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& columns);
 
+// By block, how much of its whitened squares free coefficients for `columns` in each equation explain beside
+// a model that may move with them, fitted to the other blocks.
+std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const std::vector<int>& columns);
+
 // Share of what column `wanted` adds to the model that the model's other
 // columns with `rival` can stand for.
 double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>& wanted,

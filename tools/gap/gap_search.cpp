@@ -83,7 +83,6 @@ class Searcher {
         rows_ = row_count(all_, result_.base.shape);
         result_.gap_refit = cross_validated(all_, members_) / rows_;
         result_.floor = floor_of(members_);
-        find_places();
         find_detectable();
         forward();
         backward();
@@ -573,15 +572,8 @@ class Searcher {
         return sum > kTrifle * of && surely_positive(gain);
     }
 
-    // By rank, which a few blocks do not lead astray, or by the mean, which counts by how much.
     static bool surely_positive(const std::vector<double>& gain) {
-        const auto n = static_cast<double>(gain.size());
-        const double mean = std::accumulate(gain.begin(), gain.end(), 0.0) / n;
-        if (!(mean > 0) || n < 2) return false;
-        double squares = 0;
-        for (const double g : gain) squares += (g - mean) * (g - mean);
-        const double t = mean / std::sqrt(std::max(1e-300, squares / (n - 1) / n));
-        return signed_rank_probability(gain) <= kSignificance || t_probability(t, n - 1) <= 2 * kSignificance;
+        return gap::surely_positive(gain, kSignificance);
     }
 
     static std::size_t unknowns(const Way& way) {
@@ -727,27 +719,6 @@ class Searcher {
         const double after = squares(report_, result_.after) / rows;
         const double closable = before - result_.floor;
         result_.closable_share = closable > 0 ? std::clamp((before - after) / closable, -1.0, 1.0) : 0.0;
-    }
-
-    void find_places() {
-        const ModelShape shape = shape_of(members_);
-        std::map<std::string, std::vector<int>> places;
-        for (auto [c, end] = dictionary_.rich_columns(); c < end; ++c) {
-            places[std::string(dictionary_.columns()[std::size_t(c)].place)].push_back(c);
-        }
-        // a timing is a lag, and no part of the other places
-        places["lag"].push_back(Dictionary::kTiming);
-        // where nothing smooth helps on unseen blocks, shares are of what is above the noise
-        double closable = (result_.gap_refit - result_.floor) * rows_;
-        if (!(closable > 0)) closable = std::max(0.0, result_.gap_refit - 1) * rows_;
-        for (auto& [name, group] : places) {
-            const double left = reachable_squares(all_, shape, group);
-            const double share = closable > 0 ? (result_.gap_refit * rows_ - left) / closable : 0.0;
-            if (share > 0.02) result_.where.push_back({name, share});
-        }
-        std::sort(result_.where.begin(), result_.where.end(),
-                  [](const Place& a, const Place& b) { return a.explains > b.explains; });
-        for (Place& place : result_.where) place.explains = std::min(1.0, place.explains);
     }
 
     // The smallest size that this log could have shown: as certain as the

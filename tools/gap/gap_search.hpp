@@ -23,8 +23,14 @@ inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torq
 inline constexpr double kSmallGap = 0.01;             // closable gap as a share of what torque does
 inline constexpr double kLargeGap = 0.03;             // left over: unexplained
 inline constexpr double kShareLeft = 0.10;  // of the closable torque, beside what was named: unexplained too
-inline constexpr double kAlike = 0.999;     // likeness in this log above which no log like it separates
-inline constexpr double kTied = 0.05;       // share of its gain that a rival may lose and still be tied
+// What depends on a place is unexplained from these shares of the torque on, where nothing or something was
+// named; in the latter case also of what all that explains. Columns that know nothing of an effect show part
+// of it only.
+inline constexpr double kShown = kSizeOfInterest / 3;
+inline constexpr double kShownBeside = kSizeOfInterest / 2;
+inline constexpr double kShareShownBeside = 0.2;
+inline constexpr double kAlike = 0.999;  // likeness in this log above which no log like it separates
+inline constexpr double kTied = 0.05;    // share of its gain that a rival may lose and still be tied
 inline constexpr std::size_t kMostEffects = 4;
 
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
@@ -60,7 +66,7 @@ struct NamedEffect {
 
 struct Place {
     std::string name;
-    double explains = 0;  // share of the closable gap
+    double explains = 0;  // share of what is missing beside the base
 };
 
 struct Detectable {
@@ -85,7 +91,7 @@ struct Search {
     std::string reason;  // of the verdict, one sentence
     std::vector<NamedEffect> effects;
     std::vector<std::string> unknowable;
-    std::vector<Place> where;
+    std::vector<Place> where;  // the analysis' own (gap_places.hpp), not the search's
     std::vector<Detectable> detectable;
     std::vector<Way> members;  // of `after`, in its order: first those of the base
     std::size_t base_members = 0;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numbers>
+#include <numeric>
 
 namespace wheelwright::gap {
 
@@ -61,6 +62,16 @@ double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& cov
     const double square = z.dot((correlation + 1e-9 * Eigen::MatrixXd::Identity(n, n)).ldlt().solve(z));
     // two of them: the F distribution has a closed form; more: as if there were two, times their number
     return std::min(1.0, double(n) / 2 * std::pow(1 + square / degrees, -degrees / 2));
+}
+
+bool surely_positive(const std::vector<double>& values, double significance) {
+    const auto n = static_cast<double>(values.size());
+    const double mean = std::accumulate(values.begin(), values.end(), 0.0) / n;
+    if (!(mean > 0) || n < 2) return false;
+    double squares = 0;
+    for (const double v : values) squares += (v - mean) * (v - mean);
+    const double t = mean / std::sqrt(std::max(1e-300, squares / (n - 1) / n));
+    return signed_rank_probability(values) <= significance || t_probability(t, n - 1) <= 2 * significance;
 }
 
 }  // namespace wheelwright::gap

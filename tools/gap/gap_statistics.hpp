@@ -16,4 +16,7 @@ double signed_rank_probability(std::vector<double> values);
 // freedom.
 double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& covariance, double degrees);
 
+// More than chance: by rank, which a few values do not lead astray, or by the mean, which counts by how much.
+bool surely_positive(const std::vector<double>& values, double significance);
+
 }  // namespace wheelwright::gap
