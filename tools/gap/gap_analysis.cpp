@@ -484,10 +484,39 @@ class Analysis {
                     "torque or speed swapped?");
                 return;
             }
-            findings_.turning = false;  // turned, but not by the torques
+            findings_.turning = turned_with_an_effect(f);  // else turned, but not by the torques
         }
         findings_.blocks = train_.blocks.size();
-        make(dynamics_of(f, findings_.turning, request_.geometry.track_m), {});
+        make(dynamics_of(freed_of_the_linear(f), findings_.turning, request_.geometry.track_m), {});
+    }
+
+    // K5..K8 beside all that is linear in its parameters, where that is most of the gap: alone they stand for
+    // what is missing too, and columns that are made with them (a slope's moment) would be another effect's.
+    Fit freed_of_the_linear(const Fit& alone) const {
+        constexpr double kMost = 0.5;  // of the squares, that is left at most
+        ModelShape shape{{{{Dictionary::kTiming}}}, {}, findings_.turning};
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            for (auto [c, end] = dictionary_->linear_columns(i); c < end; ++c) shape.amounts.push_back({{c}});
+        }
+        const Fit beside = fit(pointers(train_), shape);
+        const bool known = beside.value(2) > 3 * beside.error(2) &&
+                           (!findings_.turning || beside.value(3) > 3 * beside.error(3));
+        return known && beside.squares < kMost * alone.squares ? beside : alone;
+    }
+
+    // Driven straight a robot may be turned by what is missing more than by the torques' difference: those
+    // fit its turning only beside an effect that does.
+    bool turned_with_an_effect(const Fit& without) const {
+        constexpr double kMost = 0.5;  // of the squares, that such an effect leaves at most
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            ModelShape shape;
+            shape.amounts.push_back({{Dictionary::kTiming}});
+            for (auto [c, end] = dictionary_->linear_columns(i); c < end; ++c) shape.amounts.push_back({{c}});
+            if (shape.amounts.size() == 1) continue;
+            const Fit with = fit(pointers(train_), shape);
+            if (with.value(3) > 3 * with.error(3) && with.squares < kMost * without.squares) return true;
+        }
+        return false;
     }
 
     // Noise in the measured speeds stands in the weak form's regressors too, and may lead it astray. Where
