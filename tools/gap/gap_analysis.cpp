@@ -56,10 +56,12 @@ class Analysis {
         look_for_effects();
         // Columns may depend on K5..K8 (a slope's do), which what was missing had
         // spoilt, and on where an effect that is not linear was looked for.
-        for (int again = 0; again < kMostPasses && !findings_.search.effects.empty(); ++again) {
+        for (int again = 0; again < kMostPasses; ++again) {
+            const bool leads = has_leads();
+            if (findings_.search.effects.empty() && !leads) break;
             const model::Dynamics<double> found =
                 dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
-            if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
+            if (!leads && close(found, dictionary_->setting().dynamics) && near_enough()) break;
             const Points points = findings_.search.points;
             Pass before{findings_.search, *dictionary_, std::move(train_), std::move(report_)};
             ++closer_looks_;
@@ -121,6 +123,17 @@ class Analysis {
     // On request.
     bool left_out(std::size_t effect) const {
         return std::find(request_.without.begin(), request_.without.end(), effect) != request_.without.end();
+    }
+
+    // Nothing was found, but a closer look at some effects may.
+    bool has_leads() const {
+        const Search& s = findings_.search;
+        const auto is_member = [&](std::size_t effect) {
+            return std::any_of(s.members.begin(), s.members.end(),
+                               [&](const Way& way) { return way.effect == effect; });
+        };
+        return s.effects.empty() && std::any_of(s.points.begin(), s.points.end(),
+                                                [&](const auto& point) { return !is_member(point.first); });
     }
 
     // A closer look must not lose what was found.

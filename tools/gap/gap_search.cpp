@@ -465,10 +465,25 @@ class Searcher {
                 members_.push_back(simplest->way);
                 take_apart();
             } else if (torque_share(closable / row_count(select_, result_.base.shape), result_.base) <
-                           kLargeGap ||
-                       !add_two(trials, closable)) {
+                       kLargeGap) {
+                break;
+            } else if (!add_two(trials, closable)) {
+                note_leads(trials);
                 break;
             }
+        }
+    }
+
+    // Where much is missing: what is sure at a point of its grid and explains too little there. It may
+    // explain more between the points, which a closer look will tell.
+    void note_leads(const std::vector<Trial>& trials) {
+        for (const Trial& t : trials) {
+            if (t.way.kind != Way::Kind::grid || !dictionary_.can_focus(t.way.effect) ||
+                !acceptable(t, trials.size(), 0)) {
+                continue;
+            }
+            const Members more = with(members_, t.way);
+            note_point(more, more.size() - 1, fit(select_, shape_of(more), Spread::left_out));
         }
     }
 
