@@ -500,21 +500,7 @@ class Analysis {
             findings_.turning = turned_with_an_effect(f);  // else turned, but not by the torques
         }
         findings_.blocks = train_.blocks.size();
-        make(dynamics_of(freed_of_the_linear(f), findings_.turning, request_.geometry.track_m), {});
-    }
-
-    // K5..K8 beside all that is linear in its parameters, where that is most of the gap: alone they stand for
-    // what is missing too, and columns that are made with them (a slope's moment) would be another effect's.
-    Fit freed_of_the_linear(const Fit& alone) const {
-        constexpr double kMost = 0.5;  // of the squares, that is left at most
-        ModelShape shape{{{{Dictionary::kTiming}}}, {}, findings_.turning};
-        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-            for (auto [c, end] = dictionary_->linear_columns(i); c < end; ++c) shape.amounts.push_back({{c}});
-        }
-        const Fit beside = fit(pointers(train_), shape);
-        const bool known = beside.value(2) > 3 * beside.error(2) &&
-                           (!findings_.turning || beside.value(3) > 3 * beside.error(3));
-        return known && beside.squares < kMost * alone.squares ? beside : alone;
+        make(dynamics_of(f, findings_.turning, request_.geometry.track_m), {});
     }
 
     // Driven straight a robot may be turned by what is missing more than by the torques' difference: those
