@@ -117,6 +117,17 @@ class Analysis {
         return std::find(request_.without.begin(), request_.without.end(), effect) != request_.without.end();
     }
 
+    // Nothing was found, but a closer look at some effects may.
+    bool has_leads() const {
+        const Search& s = findings_.search;
+        const auto is_member = [&](std::size_t effect) {
+            return std::any_of(s.members.begin(), s.members.end(),
+                               [&](const Way& way) { return way.effect == effect; });
+        };
+        return s.effects.empty() && std::any_of(s.points.begin(), s.points.end(),
+                                                [&](const auto& point) { return !is_member(point.first); });
+    }
+
     // A closer look must not lose what was found.
     static bool is_worse(const Search& later, const Search& earlier) {
         constexpr double kSlack = 1.02;
@@ -371,9 +382,11 @@ class Analysis {
     // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
     // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
     void look_closer(int broad) {
-        for (int again = 0; again < kMostPasses && !findings_.search.effects.empty(); ++again) {
+        for (int again = 0; again < kMostPasses; ++again) {
+            const bool leads = has_leads();
+            if (findings_.search.effects.empty() && !leads) break;
             const model::Dynamics<double> found = dynamics_found();
-            if (close(found, dictionary_->setting().dynamics) && near_enough()) break;
+            if (!leads && close(found, dictionary_->setting().dynamics) && near_enough()) break;
             Pass before = take_pass();
             const Points points = before.search.points;
             ++closer_looks_;
@@ -694,10 +707,25 @@ class Analysis {
                     "torque or speed swapped?");
                 return;
             }
-            findings_.turning = false;  // turned, but not by the torques
+            findings_.turning = turned_with_an_effect(f);  // else turned, but not by the torques
         }
         findings_.blocks = train_.blocks.size();
         make(dynamics_of(f, findings_.turning, request_.geometry.track_m), {});
+    }
+
+    // Driven straight a robot may be turned by what is missing more than by the torques' difference: those
+    // fit its turning only beside an effect that does.
+    bool turned_with_an_effect(const Fit& without) const {
+        constexpr double kMost = 0.5;  // of the squares, that such an effect leaves at most
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            ModelShape shape;
+            shape.amounts.push_back({{Dictionary::kTiming}});
+            for (auto [c, end] = dictionary_->linear_columns(i); c < end; ++c) shape.amounts.push_back({{c}});
+            if (shape.amounts.size() == 1) continue;
+            const Fit with = fit(pointers(train_), shape);
+            if (with.value(3) > 3 * with.error(3) && with.squares < kMost * without.squares) return true;
+        }
+        return false;
     }
 
     // Noise in the measured speeds stands in the weak form's regressors too, and may lead it astray. Where

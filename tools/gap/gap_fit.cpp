@@ -280,6 +280,23 @@ double squares(const Blocks& blocks, const Fit& fit) {
     return total;
 }
 
+double squares_apart(const Block& block, const Fit& a, const Fit& b) {
+    const Blocks one{&block};
+    Used used = used_by(one, a.shape);
+    const Used other = used_by(one, b.shape);
+    const Coefficients first = coefficients(used, a.value, false);
+    const Coefficients second = coefficients(other, b.value, false);
+    // columns of both side by side; what was measured is in both, and goes out
+    used.column.insert(used.column.end(), other.column.begin(), other.column.end());
+    double total = 0;
+    for (std::size_t e = 0; e < (a.shape.turning ? kEquations : kTurning); ++e) {
+        Eigen::VectorXd difference(first.value[e].size() + second.value[e].size());
+        difference << first.value[e], -second.value[e];
+        total += square_of(picked(block.product[e], used.column), difference);
+    }
+    return total;
+}
+
 double torque_squares(const Blocks& blocks, const Fit& fit) {
     double total = 0;
     for (const Block* block : blocks) {

@@ -21,6 +21,7 @@ constexpr double kNormal = 1.96;       // standard errors of a 95 % interval
 constexpr double kSuperfluous = 0.05;  // probability of what goes again that was accepted once
 constexpr double kActs = 0.02;  // power of an effect's columns in a block over that in the block with most
 constexpr std::size_t kFewestActing = 5;
+constexpr std::size_t kFewestParting = 8;  // blocks: fewer would have to agree in all their ranks
 constexpr double kNoBetter = 1.005;  // share of the gain, kept by a rival with more unknowns, that is chance
 constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
 constexpr double kUnexcited = 1e-4;  // power of a coordinate's column over that of the effect's strongest
@@ -331,6 +332,32 @@ class Searcher {
         return acting;
     }
 
+    // Two models' squares, block by block, left out of the fit: of the blocks in which the models foretell
+    // something different. In others noise would judge between them.
+    struct Compared {
+        std::vector<double> one, other;
+    };
+    Compared compared(const Members& one, const Members& other) const {
+        return compared({left_out(all_, one), left_out(all_, other)}, one, other);
+    }
+    Compared compared(const Compared& all, const Members& one, const Members& other) const {
+        const Fit a = fit(all_, shape_of(one), Spread::left_out);
+        const Fit b = fit(all_, shape_of(other), Spread::left_out);
+        std::vector<double> apart(all_.size());
+        for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_[i], a, b);
+        std::vector<std::size_t> order(apart.size());
+        std::iota(order.begin(), order.end(), std::size_t{0});
+        std::sort(order.begin(), order.end(),
+                  [&](std::size_t i, std::size_t j) { return apart[i] > apart[j]; });
+        Compared parting;
+        for (const std::size_t i : order) {
+            if (parting.one.size() >= kFewestParting && apart[i] < kActs * apart[order.front()]) break;
+            parting.one.push_back(all.one[i]);
+            parting.other.push_back(all.other[i]);
+        }
+        return parting;
+    }
+
     Trial attempt(std::size_t effect, const Members& members) const {
         const auto [first, end] = dictionary_.linear_columns(effect);
         std::vector<Way> tried;
@@ -437,10 +464,25 @@ class Searcher {
                 members_.push_back(simplest->way);
                 take_apart();
             } else if (torque_share(closable / row_count(select_, result_.base.shape), result_.base) <
-                           kLargeGap ||
-                       !add_two(trials, closable)) {
+                       kLargeGap) {
+                break;
+            } else if (!add_two(trials, closable)) {
+                note_leads(trials);
                 break;
             }
+        }
+    }
+
+    // Where much is missing: what is sure at a point of its grid and explains too little there. It may
+    // explain more between the points, which a closer look will tell.
+    void note_leads(const std::vector<Trial>& trials) {
+        for (const Trial& t : trials) {
+            if (t.way.kind != Way::Kind::grid || !dictionary_.can_focus(t.way.effect) ||
+                !acceptable(t, trials.size(), 0)) {
+                continue;
+            }
+            const Members more = with(members_, t.way);
+            note_point(more, more.size() - 1, fit(select_, shape_of(more), Spread::left_out));
         }
     }
 
@@ -546,12 +588,13 @@ class Searcher {
                 if (r == general || contains(fewer, r) || excluded(r)) continue;
                 const std::optional<Way> best = best_point(r, fewer, all_);
                 if (!best || !excited(*best)) continue;
-                const std::vector<double> other = left_out(all_, with(fewer, *best));
-                const double sum = std::accumulate(other.begin(), other.end(), 0.0);
+                const Members taken = with(fewer, *best);
+                const double sum = cross_validated(all_, taken);
                 if (sum > mine + 4 * kTied * (bare - mine)) continue;
-                const std::vector<double> here = left_out(all_, with(fewer, better ? *better : members_[i]));
-                const bool simpler = simplicity(*best) < simplicity(better ? *better : members_[i]);
-                if (simpler ? !surely_less(here, other) : surely_less(other, here) && sum < mine) {
+                const Members held = with(fewer, better ? *better : members_[i]);
+                const auto [now, then] = compared(held, taken);
+                const bool simpler = simplicity(*best) < simplicity(held.back());
+                if (simpler ? !surely_less(now, then) : surely_less(then, now) && sum < mine) {
                     better = best;
                     mine = sum;
                 }
@@ -665,7 +708,8 @@ class Searcher {
 
     void find_rivals(const Members& fewer, const Way& mine, const Fit& bare, double with_all, double gain,
                      NamedEffect& named) {
-        const std::vector<double> here = left_out(all_, with(fewer, mine));
+        const Members mine_there = with(fewer, mine);
+        const std::vector<double> mine_left = left_out(all_, mine_there);
         for (std::size_t r = 0; r < model::kEffectCount; ++r) {
             if (r == mine.effect || contains(fewer, r) || excluded(r)) continue;
             std::optional<Way> best = best_point(r, fewer, all_);
@@ -686,7 +730,7 @@ class Searcher {
                            std::all_of(all.begin(), all.end(),
                                        [](const Way& way) { return way.kind == Way::Kind::grid; });
             if (rival.keeps > 0.3) note_point(other, other.size() - 1, instead);
-            std::vector<double> loss = left_out(all_, other);
+            auto [loss, here] = compared({left_out(all_, other), mine_left}, other, mine_there);
             rival.richer =
                 unknowns(mine) < unknowns(*best) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];

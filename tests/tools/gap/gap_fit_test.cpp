@@ -96,6 +96,21 @@ TEST(GapFit, a_size_that_is_expected_holds_what_no_block_tells) {
     DOUBLES_EQUAL(kGain, f.value(2), 4 * f.error(2));
 }
 
+TEST(GapFit, two_fits_part_where_a_column_acts_that_one_of_them_lacks) {
+    constexpr int kActing = 10;
+    const Experiment e(11, kActing);
+    const gap::Fit with = gap::fit(e.pointers, one_equation());
+    gap::Fit without = with;
+    without.shape.amounts.pop_back();
+    without.value.conservativeResize(kAt);
+    for (int b = 0; b < 24; ++b) {
+        const gap::Block& block = e.blocks[std::size_t(b)];
+        const double acts = with.value(2) * with.value(kAt) * block.row[gap::kLinear].col(3).norm();
+        DOUBLES_EQUAL(acts * acts, gap::squares_apart(block, with, without), 1e-9);
+        if (b >= kActing) DOUBLES_EQUAL(0, gap::squares_apart(block, with, without), 1e-9);
+    }
+}
+
 TEST(GapFit, beyond_noise_is_the_torque_that_is_missing) {
     const Experiment e(9, 24);
     gap::ModelShape shape = one_equation();

@@ -111,6 +111,26 @@ TEST(GapSearch, names_nothing_where_nothing_is_hidden) {
     CHECK(unexplained <= 1);
 }
 
+// Driven straight both do the same. What tells is a short log beside a long one, and its pieces are few.
+TEST(GapSearch, a_short_log_that_tells_is_not_outvoted_by_a_long_one_that_does_not) {
+    const std::vector<HiddenEffect> effects{{"torque_bias", 0, {0.07, 0.05}}, {"slope", 0, {0.03, 2.9}}};
+    for (const HiddenEffect& effect : effects) {
+        const HiddenLog straight = test::hidden_log(effect, 6, 0.01, 50, 100, true);
+        const HiddenLog turning = test::hidden_log(effect, 6, 0.01, 20, 100);
+        const TemporaryFile first;
+        const TemporaryFile second;
+        test::write_csv(straight.log, first.path);
+        test::write_csv(turning.log, second.path);
+        gap::Request request;
+        request.logs = {first.path, second.path};
+        request.geometry = straight.geometry;
+        const gap::Findings findings = gap::analyse(request);
+        STRCMP_EQUAL((" " + effect.name).c_str(), names_of(findings).c_str());
+        STRCMP_EQUAL("named", gap::verdict_name(findings.search.verdict));
+        CHECK(findings.search.effects.front().rivals.empty());
+    }
+}
+
 TEST_GROUP(GapFindings){};
 
 TEST(GapFindings, parameters_lie_within_their_intervals_and_the_free_run_comes_down_to_the_noise) {
