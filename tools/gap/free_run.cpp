@@ -1,14 +1,18 @@
 #include "tools/gap/free_run.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "sim_hal/plant.hpp"
 
 namespace wheelwright::gap {
 
+std::size_t samples_in_step(double period_s, double step_s) {
+    return std::max<std::size_t>(1, static_cast<std::size_t>(step_s / period_s + 1e-9));
+}
+
 double free_run(const SimulatedRobot& robot, const Stretch& stretch, const WheelPair<double>& start_rad_per_s,
-                const TakeSpeeds& take) {
-    constexpr double kStep_s = 0.0005;
+                const TakeSpeeds& take, double step_s) {
     const tools::MeasuredLog& log = *stretch.log;
     sim::PlantParameters parameters = sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects);
     parameters.start_s = log.samples[stretch.first].t_s - log.samples.front().t_s;
@@ -25,26 +29,33 @@ double free_run(const SimulatedRobot& robot, const Stretch& stretch, const Wheel
         return WheelPair<double>{mean, mean};
     };
     plant.place(pose, model::twist_from_wheel_speeds(robot.geometry, balanced(start_rad_per_s)));
-    const int steps = static_cast<int>(std::ceil(log.period_s / kStep_s - 1e-9));
+    const std::size_t together = samples_in_step(log.period_s, step_s);
+    const double period_s = double(together) * log.period_s;
+    const int steps = static_cast<int>(std::ceil(period_s / step_s - 1e-9));
     // What the drives would report of it.
     constexpr std::size_t kLag = model::find_effect("measurement_lag");
     const model::Parameters<double> lag =
         robot.effects.active[kLag] ? robot.effects.parameter[kLag] : model::Parameters<double>{};
     WheelPair<model::MeasurementLag::Memory<double>> late{{start_rad_per_s.left}, {start_rad_per_s.right}};
     double sum = 0;
-    for (std::size_t i = stretch.first; i + 1 < stretch.end; ++i) {
-        const WheelPair<double> torque = balanced(log.samples[i].torque_Nm);
+    for (std::size_t i = stretch.first; i + together < stretch.end; i += together) {
+        WheelPair<double> mean;
+        for (std::size_t n = i; n < i + together; ++n) {
+            mean.left += log.samples[n].torque_Nm.left / double(together);
+            mean.right += log.samples[n].torque_Nm.right / double(together);
+        }
+        const WheelPair<double> torque = balanced(mean);
         WheelPair<double> simulated;
         for (int s = 0; s < steps; ++s) {
-            const double step_s = log.period_s / steps;
-            plant.advance(step_s, torque);
+            const double one_s = period_s / steps;
+            plant.advance(one_s, torque);
             const WheelPair<double>& is = plant.wheel_speed_rad_per_s();
-            simulated = {model::MeasurementLag::report_speed(lag, late.left, is.left, step_s),
-                         model::MeasurementLag::report_speed(lag, late.right, is.right, step_s)};
+            simulated = {model::MeasurementLag::report_speed(lag, late.left, is.left, one_s),
+                         model::MeasurementLag::report_speed(lag, late.right, is.right, one_s)};
         }
-        const WheelPair<double>& measured = log.samples[i + 1].speed_rad_per_s;
+        const WheelPair<double>& measured = log.samples[i + together].speed_rad_per_s;
         sum += std::pow(simulated.left - measured.left, 2) + std::pow(simulated.right - measured.right, 2);
-        if (take) take(i + 1, simulated);
+        if (take) take(i + together, simulated);
     }
     return sum;
 }

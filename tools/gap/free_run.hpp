@@ -26,9 +26,15 @@ struct Stretch {
 
 using TakeSpeeds = std::function<void(std::size_t sample, const WheelPair<double>& rad_per_s)>;
 
+inline constexpr double kFineStep_s = 0.0005;
+
 // Starts at `start_rad_per_s`, holds the torque between samples, and gives `take` the simulated speeds at
-// each sample but the first. Sum of the squared differences to the measured ones, both wheels.
+// each sample but the first. Sum of the squared differences to the measured ones, both wheels. Steps are not
+// longer than `step_s`; samples closer together than that are put together, with their mean torque.
 double free_run(const SimulatedRobot& robot, const Stretch& stretch, const WheelPair<double>& start_rad_per_s,
-                const TakeSpeeds& take = {});
+                const TakeSpeeds& take = {}, double step_s = kFineStep_s);
+
+// How many samples are put together.
+std::size_t samples_in_step(double period_s, double step_s);
 
 }  // namespace wheelwright::gap

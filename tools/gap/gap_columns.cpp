@@ -125,6 +125,7 @@ class CastorTerm : public Contribution {
         const auto& unit = path_->over(i);
         return {p_[0] * unit[0].left + p_[1] * unit[1].left, p_[0] * unit[0].right + p_[1] * unit[1].right};
     }
+    bool slow() const override { return true; }
     void share(const Contribution& other) override {
         const auto* castor = dynamic_cast<const CastorTerm*>(&other);
         if (castor != nullptr && castor->path_->is(p_)) path_ = castor->path_;
@@ -833,6 +834,7 @@ Dictionary::Walker::Walker(const Dictionary& dictionary) : dictionary_(dictionar
             if (dictionary.terms_[i].effect == t.effect) term_.back()->share(*term_[i]);
         }
     }
+    for (std::size_t t = 0; t < term_.size(); ++t) (term_[t]->slow() ? slow_ : quick_).push_back(t);
     term_sums_.resize(term_.size());
     columns_.resize(dictionary.columns_.size() - kTorque);
     const auto [first, end] = dictionary.places_;
@@ -844,6 +846,31 @@ void Dictionary::Walker::forget() {
     std::fill(columns_.begin(), columns_.end(), WheelPair<double>{});
 }
 
+void Dictionary::Walker::put_together(const Interval& i) {
+    if (together_++ == 0) {
+        whole_ = i;
+        return;
+    }
+    const double share = 1 / double(together_);
+    const auto mean = [&](double& of, double next) { of += share * (next - of); };
+    whole_.dt_s += i.dt_s;
+    whole_.after = i.after;
+    mean(whole_.torque.left, i.torque.left);
+    mean(whole_.torque.right, i.torque.right);
+    mean(whole_.angle.left, i.angle.left);
+    mean(whole_.angle.right, i.angle.right);
+    mean(whole_.heading_rad, i.heading_rad);
+}
+
+void Dictionary::Walker::close() {
+    for (const std::size_t t : slow_) {
+        if (together_ == 0) break;
+        const WheelPair<double> pair = term_[t]->over(whole_);
+        term_sums_[t] = {double(acting_) * pair.left, double(acting_) * pair.right};
+    }
+    together_ = acting_ = 0;
+}
+
 void Dictionary::Walker::add(const WheelPair<double>& pair) {
     columns_[at_].left += pair.left;
     columns_[at_].right += pair.right;
@@ -853,12 +880,14 @@ void Dictionary::Walker::add(const WheelPair<double>& pair) {
 void Dictionary::Walker::step(const Interval& i, bool standing) {
     if (first_) slow_torque_ = i.torque;
     first_ = false;
-    for (std::size_t t = 0; t < term_.size(); ++t) {
+    for (const std::size_t t : quick_) {
         const WheelPair<double> pair = term_[t]->over(i);
         if (standing) continue;
         term_sums_[t].left += pair.left;
         term_sums_[t].right += pair.right;
     }
+    if (!slow_.empty()) put_together(i);
+    acting_ += standing ? 0 : 1;
     if (!standing) {
         at_ = 0;
         add(i.torque);

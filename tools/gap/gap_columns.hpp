@@ -59,6 +59,8 @@ class Contribution {
     virtual WheelPair<double> over(const Interval& interval) = 0;
     // What both need is computed once; both are then given the same intervals.
     virtual void share(const Contribution& /*other*/) {}
+    // Changes so slowly that short intervals may be put together before.
+    virtual bool slow() const { return false; }
 };
 std::unique_ptr<Contribution> contribution(std::size_t effect, const model::Parameters<double>& parameters,
                                            const Setting& setting);
@@ -131,20 +133,31 @@ class Dictionary {
         // The sums since the last time: `take(column, pair)` for each column from kTorque on.
         template <typename Take>
         void take_sums(Take&& take) {
+            close();
             combine();
             for (std::size_t i = 0; i < columns_.size(); ++i)
                 take(static_cast<int>(i) + kTorque, columns_[i]);
             forget();
         }
-        void forget();
+        // No sums are wanted of what passed since the last time.
+        void skip() {
+            close();
+            forget();
+        }
 
       private:
+        void close();
+        void put_together(const Interval& interval);
+        void forget();
         void add(const WheelPair<double>& pair);
         void add_effects(const Interval& interval);
         void combine();
 
         const Dictionary& dictionary_;
         std::vector<std::unique_ptr<Contribution>> term_;
+        std::vector<std::size_t> quick_, slow_;  // of the terms
+        Interval whole_;                         // since the sums were taken
+        std::size_t together_ = 0, acting_ = 0;  // intervals that are in it
         std::vector<WheelPair<double>> term_sums_, columns_;
         std::size_t at_ = 0;  // the column that is next
         std::shared_ptr<PlaceColumns> places_;

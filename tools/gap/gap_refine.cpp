@@ -10,9 +10,10 @@ namespace {
 
 constexpr Eigen::Index kK7 = 2, kTiming = 4;
 constexpr double kFastest_Hz = 200;  // of the differences that are taken
+constexpr double kStep_s = 0.004;    // of the simulation: what is refined is smooth or dry, and has no delay
 constexpr double kClearlyBetter = 0.9;
-constexpr int kMostEvaluations = 60;
-constexpr double kStep = 1e-3;  // of a parameter's scale, for its slope
+constexpr int kMostEvaluations = 10;  // a right model needs six
+constexpr double kMove = 1e-3;        // of a parameter's scale, for its slope
 
 // Residuals of all pieces and their slopes. Unknowns: the parameters as differences from the start over their
 // scale, then each piece's two speeds at its start as differences from the measured ones.
@@ -40,8 +41,10 @@ class Misses {
             scale_.push_back(0.1 * std::abs(weak.value(i)));
         }
         for (const Stretch& piece : pieces) {
-            stride_.push_back(std::max<std::size_t>(
-                1, static_cast<std::size_t>(std::lround(1 / (kFastest_Hz * piece.log->period_s)))));
+            const std::size_t together = samples_in_step(piece.log->period_s, kStep_s);
+            const double steps = 1 / (kFastest_Hz * piece.log->period_s * double(together));
+            stride_.push_back(together *
+                              std::max<std::size_t>(1, static_cast<std::size_t>(std::lround(steps))));
             first_.push_back(rows_);
             rows_ += 2 + 2 * Eigen::Index((piece.end - 1 - piece.first) / stride_.back());
         }
@@ -74,21 +77,21 @@ class Misses {
         Eigen::VectorXd moved = z;
         const auto parameters = Eigen::Index(free_.size());
         for (Eigen::Index i = 0; i < parameters; ++i) {
-            moved(i) += kStep;
+            moved(i) += kMove;
             if ((*this)(moved, there) < 0) return -1;
             moved(i) = z(i);
-            slope.col(i) = (there - here) / kStep;
+            slope.col(i) = (there - here) / kMove;
         }
         const SimulatedRobot robot = robot_of_(fit_at(z));
         for (std::size_t p = 0; p < pieces_.size(); ++p) {
             for (Eigen::Index side = 0; side < 2; ++side) {
                 const Eigen::Index i = parameters + 2 * Eigen::Index(p) + side;
-                moved(i) += kStep;
+                moved(i) += kMove;
                 run(robot, p, moved, there);
                 moved(i) = z(i);
                 const Eigen::Index from = first_[p];
                 const Eigen::Index n = first_[p + 1] - from;
-                slope.col(i).segment(from, n) = (there.segment(from, n) - here.segment(from, n)) / kStep;
+                slope.col(i).segment(from, n) = (there.segment(from, n) - here.segment(from, n)) / kMove;
             }
         }
         return 0;
@@ -108,12 +111,13 @@ class Misses {
         Eigen::Index row = first_[p];
         miss(row++) = z(at);  // what was measured at the start counts as much as any other
         miss(row++) = z(at + 1);
-        free_run(robot, piece, start, [&](std::size_t i, const WheelPair<double>& w) {
+        const auto take = [&](std::size_t i, const WheelPair<double>& w) {
             if ((i - piece.first) % stride_[p] != 0) return;
             const WheelPair<double>& measured = piece.log->samples[i].speed_rad_per_s;
             miss(row++) = w.left - measured.left;
             miss(row++) = w.right - measured.right;
-        });
+        };
+        free_run(robot, piece, start, take, kStep_s);
     }
 
     const Fit& weak_;

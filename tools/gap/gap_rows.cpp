@@ -18,8 +18,8 @@ constexpr int kFewestIntervals = 20;
 constexpr double kStanding_s = 0.02;
 constexpr double kStandingShare = 0.005;  // of the RMS speed: slower than this for longer than that stands
 
-// The mean power of the torques is taken from every third interval.
-constexpr Eigen::Index kPowerOf = 3;
+// The mean power of the torques is taken from every sixth interval.
+constexpr Eigen::Index kPowerOf = 6;
 
 // As long as this an interval may become, where a log's are shorter.
 constexpr double kLongest_s = 0.005;
