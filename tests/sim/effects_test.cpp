@@ -266,6 +266,14 @@ TEST(EffectsOnTheBody, a_castor_ends_up_where_its_wheel_does_not_slip_sideways) 
     }
 }
 
+TEST(EffectsOnTheBody, a_castors_fork_keeps_its_length_in_single_precision) {
+    const Parameters<float> p{1.7F, 0.02F, 0.16F, 0.03F};
+    CastorDrag::Memory<float> memory;
+    for (int i = 0; i < 2000000; ++i)
+        CastorDrag::advance(p, memory, Twist<float>{0.4F, i / 700 % 2 == 0 ? 2.1F : -1.3F}, 0.001F);
+    DOUBLES_EQUAL(1.0, std::hypot(double(memory.sine), double(memory.cosine)), 1e-6);
+}
+
 TEST(EffectsOnTheBody, a_castor_turns_around_as_the_tractrix_says) {
     // driving back, the fork leaves pi - d0 behind: tan(d / 2) falls by exp(v t / trail)
     const Parameters<double> p{1.7, 0.02, 0.16, 0.03};

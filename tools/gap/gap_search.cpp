@@ -17,7 +17,6 @@ constexpr Eigen::Index kFirstAmount = 4;
 constexpr std::size_t kFolds = 5;
 constexpr double kApart = 4;           // standard errors of the difference between left and right
 constexpr double kCloser = 0.95;       // a grid's point must be better than a closer look by more than this
-constexpr double kNormal = 1.96;       // standard errors of a 95 % interval
 constexpr double kSuperfluous = 0.05;  // probability of what goes again that was accepted once
 constexpr double kActs = 0.02;  // power of an effect's columns in a block over that in the block with most
 constexpr std::size_t kFewestActing = 5;
