@@ -18,8 +18,10 @@ double free_run(const SimulatedRobot& robot, const Stretch& stretch, const Wheel
     parameters.start_s = log.samples[stretch.first].t_s - log.samples.front().t_s;
     parameters.span_s = log.samples.back().t_s - log.samples.front().t_s;
     for (std::size_t i = 0; i < stretch.first; ++i) {
-        parameters.start_angle_rad.left += log.period_s * log.samples[i].speed_rad_per_s.left;
-        parameters.start_angle_rad.right += log.period_s * log.samples[i].speed_rad_per_s.right;
+        const WheelPair<double>& from = log.samples[i].speed_rad_per_s;
+        const WheelPair<double>& to = log.samples[i + 1].speed_rad_per_s;
+        parameters.start_angle_rad.left += log.period_s / 2 * (from.left + to.left);
+        parameters.start_angle_rad.right += log.period_s / 2 * (from.right + to.right);
     }
     const Pose<double> pose{0, 0, stretch.heading_rad};
     sim::Plant plant(parameters, pose);

@@ -53,6 +53,29 @@ class PathTerm : public Contribution {
     WheelPair<Memory> memory_;
 };
 
+// K5..K8 are those of the robot with its motors (model::Backlash::rest): in contact nothing is missing, and
+// in the gap the wheel goes on without the motor's inertia too.
+class BacklashTerm : public Contribution {
+  public:
+    BacklashTerm(const Parameters<double>& p, const Setting& s) : arrives_(p, s), inertia_kg_m2_(p[1]) {}
+    WheelPair<double> over(const Interval& i) override {
+        const WheelPair<double> now = i.speed();
+        if (first_) last_ = now;
+        first_ = false;
+        WheelPair<double> pair = arrives_.over(i);
+        pair.left += inertia_kg_m2_ * (now.left - last_.left) / i.dt_s;
+        pair.right += inertia_kg_m2_ * (now.right - last_.right) / i.dt_s;
+        last_ = now;
+        return pair;
+    }
+
+  private:
+    PathTerm<model::Backlash> arrives_;
+    double inertia_kg_m2_;
+    WheelPair<double> last_;
+    bool first_ = true;
+};
+
 class StribeckTerm : public Contribution {
   public:
     StribeckTerm(const Parameters<double>& p, const Setting&) : p_(p) {}
@@ -328,6 +351,10 @@ struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
 };
 template <>
+struct TermOf<model::Backlash> {
+    using Type = BacklashTerm;
+};
+template <>
 struct TermOf<model::TorqueRipple> {
     using Type = RippleTerm;
 };
@@ -458,10 +485,11 @@ template <>
 Grid grid_of<model::Backlash>(const Setting& s) {
     const double r = s.geometry.mean_radius_m();
     const double whole = s.effective_mass_kg() * r * r / 2;
-    Grid grid{{}, alone, as_it_is, roughly_one, {0.001, 0.01 * whole}};
-    for (const double gap : {0.01, 0.025, 0.06}) {
-        for (const double share : {0.03, 0.08, 0.2}) grid.points.push_back({gap, share * whole});
-    }
+    // How long the gap lasts is told by gap times inertia alone; the inertia is a usual one.
+    constexpr double kMotorsShare = 0.06;
+    Grid grid{{}, alone, as_it_is, roughly_one, {0.001, 0}};
+    for (const double gap : {0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068, 0.096})
+        grid.points.push_back({gap, kMotorsShare * whole});
     return grid;
 }
 template <>

@@ -80,10 +80,11 @@ class Maker {
     void add(const LogPart& part) {
         const MeasuredLog& log = *part.log;
         const double dt = log.period_s;
-        heading_ = part.initial_heading_rad;
+        heading_ = log.start_heading_rad;
         angle_ = {};
         span_s_ = log.samples.back().t_s - log.samples.front().t_s;
         walker_.emplace(*options_.dictionary);
+        come_to(part);
         const int longest = std::max(kFewestIntervals, static_cast<int>(std::lround(options_.block_s / dt)));
         const int shortest = std::max(kFewestIntervals, static_cast<int>(std::lround(kShortestBlock_s / dt)));
         const std::size_t last = part.end - 1;  // intervals are first .. last - 1
@@ -119,6 +120,19 @@ class Maker {
     }
 
   private:
+    // A part begins where the log has come to: angles all the way, what forgets from a little before on.
+    void come_to(const LogPart& part) {
+        constexpr double kRemembered_s = 2;
+        const auto remembered = static_cast<std::size_t>(kRemembered_s / part.log->period_s);
+        for (std::size_t i = 0; i < part.first; ++i) {
+            if (i + remembered < part.first) {
+                next(part, i);
+            } else {
+                pass(part, i);
+            }
+        }
+    }
+
     bool standing(const MeasuredLog& log, std::size_t i, std::size_t last,
                   double WheelPair<double>::*side) const {
         const auto reach = static_cast<std::size_t>(std::max(2.0, kStanding_s / log.period_s));

@@ -153,6 +153,27 @@ TEST(GapFindings, parameters_lie_within_their_intervals_and_the_free_run_comes_d
     }
 }
 
+// The held-out part begins somewhere on the wheels' turn.
+TEST(GapFindings, a_ripple_goes_on_in_the_held_out_part) {
+    const gap::Findings f =
+        analyse(test::hidden_log({"torque_ripple", 0, {0.05, 3, 1}}, 8, 0.01, kDuration_s, kRate_Hz));
+    STRCMP_EQUAL(" torque_ripple", names_of(f).c_str());
+    CHECK(f.search.closable_share > 0.98);
+}
+
+// K5..K8 are those of the robot with its motors, as the model with backlash wants them.
+TEST(GapFindings, backlash_leaves_the_mass_as_it_is_and_makes_the_free_run_better) {
+    const gap::Findings f =
+        analyse(test::hidden_log({"backlash", 0, {0.08, 0.003}}, 9, 0.005, kDuration_s, kRate_Hz));
+    STRCMP_EQUAL(" backlash", names_of(f).c_str());
+    DOUBLES_EQUAL(f.before.k7_per_kg_m, f.after.k7_per_kg_m, 0.01 * f.before.k7_per_kg_m);
+    const gap::FreeRun& whole = f.heldout.back();
+    CHECK(whole.after < whole.before);
+    // told is their product
+    const auto& p = f.search.effects[0].parameters;
+    DOUBLES_EQUAL(1, p[0].value * p[1].value / (0.08 * 0.003), 0.5);
+}
+
 TEST(GapFindings, driven_straight_nothing_is_said_of_turning) {
     HiddenLog hidden =
         test::hidden_log({"coulomb_friction", 0.1, {0.1, 0.1}}, 4, 0.01, kDuration_s, kRate_Hz, true);
