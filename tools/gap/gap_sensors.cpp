@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <numbers>
+#include <span>
 
 namespace wheelwright::gap {
 namespace {
@@ -79,52 +80,8 @@ void repair_spikes(MeasuredLog& log, std::vector<LogFault>& faults) {
     }
 }
 
-void mark_held(const MeasuredLog& log, std::vector<bool>& unusable, std::vector<LogFault>& faults) {
-    const auto repeats = [&](std::size_t i) {
-        const MeasuredSample& a = log.samples[i - 1];
-        const MeasuredSample& b = log.samples[i];
-        return a.speed_rad_per_s.left == b.speed_rad_per_s.left &&
-               a.speed_rad_per_s.right == b.speed_rad_per_s.right &&
-               (!log.has_gyro || a.gyro_rad_per_s == b.gyro_rad_per_s);
-    };
-    const auto still = [&](std::size_t i) {
-        const WheelPair<double>& w = log.samples[i].speed_rad_per_s;
-        return w.left == 0 && w.right == 0;
-    };
-    // how often one sample repeats the other by itself: where not both neighbours do, lest the runs count
-    double alone = 0;
-    double moving = 0;
-    std::vector<std::pair<std::size_t, std::size_t>> runs;  // first repeated, one past
-    for (std::size_t i = 1; i < log.samples.size();) {
-        if (still(i)) {
-            ++i;
-            continue;
-        }
-        std::size_t end = i;
-        while (end < log.samples.size() && repeats(end) && !still(end)) ++end;
-        moving += double(std::max<std::size_t>(1, end - i));
-        if (end - i >= kHeld)
-            runs.emplace_back(i, end);
-        else
-            alone += double(end - i);
-        i = std::max(end, i + 1);
-    }
-    const double chance = moving > 0 ? alone / moving : 1.0;
-    std::size_t count = 0;
-    double first_s = 0;
-    for (const auto& [begin, end] : runs) {
-        if (std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance) continue;
-        if (count == 0) first_s = log.samples[begin].t_s;
-        count += end - begin;
-        for (std::size_t i = begin - 1; i < std::min(end + 1, unusable.size()); ++i) unusable[i] = true;
-    }
-    if (count > 0) {
-        faults.push_back({"log_dropouts", double(count) / double(log.samples.size()), count, first_s});
-    }
-}
-
 // The step that all speeds are whole multiples of; 0: none, or one too fine to matter.
-double common_step(const std::vector<MeasuredLog>& logs) {
+double common_step(std::span<const MeasuredLog> logs) {
     double least = 1e9;
     double largest = 0;
     for (const MeasuredLog& log : logs) {
@@ -168,6 +125,59 @@ double common_step(const std::vector<MeasuredLog>& logs) {
         }
     }
     return double(off) < 0.05 * double(all) ? step : 0.0;
+}
+
+void mark_held(const MeasuredLog& log, std::vector<bool>& unusable, std::vector<LogFault>& faults) {
+    const auto repeats = [&](std::size_t i) {
+        const MeasuredSample& a = log.samples[i - 1];
+        const MeasuredSample& b = log.samples[i];
+        return a.speed_rad_per_s.left == b.speed_rad_per_s.left &&
+               a.speed_rad_per_s.right == b.speed_rad_per_s.right &&
+               (!log.has_gyro || a.gyro_rad_per_s == b.gyro_rad_per_s);
+    };
+    const auto still = [&](std::size_t i) {
+        const WheelPair<double>& w = log.samples[i].speed_rad_per_s;
+        return w.left == 0 && w.right == 0;
+    };
+    // how often one sample repeats the other by itself: where not both neighbours do, lest the runs count
+    double alone = 0;
+    double moving = 0;
+    std::vector<std::pair<std::size_t, std::size_t>> runs;  // first repeated, one past
+    for (std::size_t i = 1; i < log.samples.size();) {
+        if (still(i)) {
+            ++i;
+            continue;
+        }
+        std::size_t end = i;
+        while (end < log.samples.size() && repeats(end) && !still(end)) ++end;
+        moving += double(std::max<std::size_t>(1, end - i));
+        if (end - i >= kHeld)
+            runs.emplace_back(i, end);
+        else
+            alone += double(end - i);
+        i = std::max(end, i + 1);
+    }
+    const double chance = moving > 0 ? alone / moving : 1.0;
+    // told in coarse steps a steady speed repeats, and goes on by one of them
+    const double step = common_step(std::span(&log, 1));
+    const auto goes_on = [&](std::size_t end) {
+        if (step == 0 || end >= log.samples.size()) return step > 0;
+        const WheelPair<double>& a = log.samples[end - 1].speed_rad_per_s;
+        const WheelPair<double>& b = log.samples[end].speed_rad_per_s;
+        return std::abs(b.left - a.left) < 1.5 * step && std::abs(b.right - a.right) < 1.5 * step;
+    };
+    std::size_t count = 0;
+    double first_s = 0;
+    for (const auto& [begin, end] : runs) {
+        if (goes_on(end)) continue;
+        if (std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance) continue;
+        if (count == 0) first_s = log.samples[begin].t_s;
+        count += end - begin;
+        for (std::size_t i = begin - 1; i < std::min(end + 1, unusable.size()); ++i) unusable[i] = true;
+    }
+    if (count > 0) {
+        faults.push_back({"log_dropouts", double(count) / double(log.samples.size()), count, first_s});
+    }
 }
 
 // gyro = bias + slope omega + bend v, with the gyro delayed by a first-order lag of `lag_s`; and how much is

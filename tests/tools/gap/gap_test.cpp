@@ -11,6 +11,7 @@
 #include "tests/tools/ident/temporary_file.hpp"
 #include "tools/gap/gap_analysis.hpp"
 #include "tools/gap/gap_output.hpp"
+#include "tools/gap/gap_sensors.hpp"
 //
 #include <CppUTest/TestHarness.h>
 
@@ -192,6 +193,27 @@ TEST(GapFindings, a_bias_driven_straight_names_the_slope_as_its_rival) {
     LONGS_EQUAL(1, f.search.effects[0].rivals.size());
     CHECK(f.search.effects[0].rivals[0].alike);
     LONGS_EQUAL(model::find_effect("slope"), f.search.effects[0].rivals[0].effect);
+}
+
+TEST(GapFindings, a_steady_speed_in_coarse_steps_is_no_dropout) {
+    constexpr double kStep_rad_per_s = 0.6;
+    const auto told = [](double t_s) {
+        const double w = 6 + 3 * std::sin(0.4 * t_s);
+        return kStep_rad_per_s * std::round(w / kStep_rad_per_s);
+    };
+    tools::MeasuredLog log;
+    log.period_s = 0.004;
+    for (int i = 0; i < 5000; ++i) {
+        const double t_s = 0.004 * i;
+        log.samples.push_back({t_s, {0.1, 0.1}, {told(t_s), told(t_s + 1)}});
+    }
+    std::vector<bool> unusable;
+    CHECK(gap::repair(log, unusable).empty());
+    for (int i = 1000; i < 1400; ++i)
+        log.samples[std::size_t(i)].speed_rad_per_s = log.samples[1000].speed_rad_per_s;
+    const auto faults = gap::repair(log, unusable);
+    CHECK_EQUAL(1, faults.size());
+    STRCMP_EQUAL("log_dropouts", faults.front().name.c_str());
 }
 
 TEST(GapFindings, unusable_logs_say_why) {
