@@ -8,6 +8,8 @@
 #include <numbers>
 #include <span>
 
+#include "tools/gap/gap_rows.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
@@ -188,7 +190,34 @@ struct GyroFit {
     std::vector<double> squares;  // of each block
     double total = 0;
 };
-GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, double lag_s) {
+// What the wheels' noise adds to a sample's squares of (1, omega, v): where a robot hardly turns it would
+// flatten the slope, and a mean yaw rate would pass for a bias. At most half of what was measured.
+Eigen::Matrix3d wheels_noise(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g) {
+    const WheelPair<double> sigma = speed_noise(logs);
+    const double left = std::pow(g.wheel_radius_m.left * sigma.left, 2);
+    const double right = std::pow(g.wheel_radius_m.right * sigma.right, 2);
+    Eigen::Matrix3d noise = Eigen::Matrix3d::Zero();
+    noise(1, 1) = (left + right) / (g.track_m * g.track_m);
+    noise(2, 2) = (left + right) / 4;
+    noise(1, 2) = noise(2, 1) = (right - left) / (2 * g.track_m);
+    double turning = 0;
+    double driving = 0;
+    double count = 0;
+    for (const MeasuredLog& log : logs) {
+        for (const MeasuredSample& s : log.samples) {
+            const Twist<double> u = model::twist_from_wheel_speeds(g, s.speed_rad_per_s);
+            turning += u.omega_rad_per_s * u.omega_rad_per_s;
+            driving += u.v_m_per_s * u.v_m_per_s;
+            ++count;
+        }
+    }
+    const double share = std::max(noise(1, 1) * count / std::max(1e-12, turning),
+                                  noise(2, 2) * count / std::max(1e-12, driving));
+    return share > 0.5 ? Eigen::Matrix3d(noise * (0.5 / share)) : noise;
+}
+
+GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g,
+                 const Eigen::Matrix3d& noise, double lag_s) {
     struct Sum {
         Eigen::Matrix3d xx = Eigen::Matrix3d::Zero();
         Eigen::Vector3d xy = Eigen::Vector3d::Zero();
@@ -208,7 +237,7 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
             if (i % length == 0) blocks.emplace_back();
             const Twist<double> u = model::twist_from_wheel_speeds(g, s.speed_rad_per_s);
             const Eigen::Vector3d x(1, u.omega_rad_per_s, u.v_m_per_s);
-            blocks.back().xx += x * x.transpose();
+            blocks.back().xx += x * x.transpose() - noise;
             blocks.back().xy += late * x;
             blocks.back().yy += late * late;
         }
@@ -250,8 +279,9 @@ double noise_squares(const std::vector<MeasuredLog>& logs) {
 
 // The lag at which the gyro looks most like the wheels, from a parabola through the best of a grid that is
 // refined.
-void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, Sensors::Gyro& gyro) {
-    const auto left = [&](double lag_s) { return fit_gyro(logs, g, lag_s).total; };
+void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g,
+              const Eigen::Matrix3d& wheels, Sensors::Gyro& gyro) {
+    const auto left = [&](double lag_s) { return fit_gyro(logs, g, wheels, lag_s).total; };
     constexpr double kMost_s = 0.4;
     double best = 0;
     double least = left(0);
@@ -263,7 +293,7 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
             best = lag;
         }
     }
-    const std::vector<double> without = fit_gyro(logs, g, 0).squares;
+    const std::vector<double> without = fit_gyro(logs, g, wheels, 0).squares;
     if (best == 0) {
         gyro.lag_error_s = kLagOfInterest_s / kSure;
         return;
@@ -279,8 +309,8 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     }
     // one standard error: where each block's own loss, as noisy as the blocks are, balances the bend
     const double step = 0.1 * best;
-    const std::vector<double> low = fit_gyro(logs, g, best - step).squares;
-    const std::vector<double> high = fit_gyro(logs, g, best + step).squares;
+    const std::vector<double> low = fit_gyro(logs, g, wheels, best - step).squares;
+    const std::vector<double> high = fit_gyro(logs, g, wheels, best + step).squares;
     double bend = 0;
     double noise = 0;
     for (std::size_t i = 0; i < low.size(); ++i) {
@@ -292,7 +322,7 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     gyro.lag_error_s = bend > 0 ? std::sqrt(noise) / bend : best;
     double gained = 0;
     double spread = 0;
-    const std::vector<double> with = fit_gyro(logs, g, best).squares;
+    const std::vector<double> with = fit_gyro(logs, g, wheels, best).squares;
     for (std::size_t i = 0; i < with.size(); ++i) {
         gained += without[i] - with[i];
         spread += std::pow(without[i] - with[i], 2);
@@ -325,8 +355,9 @@ Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geome
         return sensors;
     }
     Sensors::Gyro gyro;
-    find_lag(logs, geometry, gyro);
-    const GyroFit fit = fit_gyro(logs, geometry, gyro.lag_s);
+    const Eigen::Matrix3d wheels = wheels_noise(logs, geometry);
+    find_lag(logs, geometry, wheels, gyro);
+    const GyroFit fit = fit_gyro(logs, geometry, wheels, gyro.lag_s);
     const auto error = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, fit.covariance(i, i))); };
     gyro.bias_rad_per_s = fit.value(0);
     gyro.bias_error = error(0);
