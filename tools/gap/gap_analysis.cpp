@@ -401,7 +401,15 @@ class Analysis {
         }
     }
     model::Dynamics<double> dynamics_found() const {
-        return dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
+        return whole_of(dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m),
+                        effects_of(findings_.search.members, findings_.search.after, dictionary_->setting()));
+    }
+    // What arrives through backlash moves the robot without its motors, and K5..K8 are fitted to that.
+    model::Dynamics<double> whole_of(const model::Dynamics<double>& fitted,
+                                     const model::EffectSet<double>& effects) const {
+        constexpr std::size_t kBacklash = model::find_effect("backlash");
+        if (!effects.active[kBacklash]) return fitted;
+        return model::Backlash::whole(effects.parameter[kBacklash], request_.geometry, fitted);
     }
 
     // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
@@ -571,9 +579,7 @@ class Analysis {
             if (found != s.points.end()) points.insert(*found);
         }
         for (const auto& [effect, parameters] : given_) points[effect] = parameters;
-        const Dictionary dictionary(
-            setting_for(dynamics_of(s.after, findings_.turning, request_.geometry.track_m)), points, false,
-            true);
+        const Dictionary dictionary(setting_for(dynamics_found()), points, false, true);
         BlockSet set = make_blocks(training_, block_options(dictionary));
         weigh(set, colour_of_rest(set, known_columns(dictionary)));
         const Blocks blocks = pointers(set);
@@ -764,7 +770,7 @@ class Analysis {
     model::Dynamics<double> whole_dynamics() const {
         const Search& s = findings_.search;
         const double track_m = request_.geometry.track_m;
-        model::Dynamics<double> k = dynamics_of(s.after, findings_.turning, track_m);
+        model::Dynamics<double> k = dynamics_found();
         const auto unknown = [&](const char* name) {
             return std::find(s.unknowable.begin(), s.unknowable.end(), name) != s.unknowable.end();
         };
@@ -825,16 +831,21 @@ class Analysis {
     void take_models() {
         const Search& s = findings_.search;
         const double track = request_.geometry.track_m;
-        findings_.before = dynamics_of(s.base, findings_.turning, track);
-        findings_.after = dynamics_of(s.after, findings_.turning, track);
         findings_.after_error = {s.after.error(0), s.after.error(1), s.after.error(2), s.after.error(3)};
         findings_.effects_before =
             effects_of({s.members.begin(), s.members.begin() + std::ptrdiff_t(s.base_members)}, s.base,
                        dictionary_->setting());
         findings_.effects_after = effects_of(s.members, s.after, dictionary_->setting());
+        findings_.before = whole_of(dynamics_of(s.base, findings_.turning, track), findings_.effects_before);
+        findings_.after = dynamics_found();
         if (request_.robot) {
             Fit nominal = s.base;
-            const auto& k = request_.robot->dynamics;
+            const auto& whole = request_.robot->dynamics;
+            constexpr std::size_t kBacklash = model::find_effect("backlash");
+            const auto k = request_.robot->effects.active[kBacklash]
+                               ? model::Backlash::rest(request_.robot->effects.parameter[kBacklash],
+                                                       request_.geometry, whole)
+                               : whole;
             nominal.value.setZero();
             nominal.value.head<4>() << k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2;
             Eigen::Index at = 5;  // after K5..K8 and the timing

@@ -53,29 +53,6 @@ class PathTerm : public Contribution {
     WheelPair<Memory> memory_;
 };
 
-// K5..K8 are those of the robot with its motors (model::Backlash::rest): in contact nothing is missing, and
-// in the gap the wheel goes on without the motor's inertia too.
-class BacklashTerm : public Contribution {
-  public:
-    BacklashTerm(const Parameters<double>& p, const Setting& s) : arrives_(p, s), inertia_kg_m2_(p[1]) {}
-    WheelPair<double> over(const Interval& i) override {
-        const WheelPair<double> now = i.speed();
-        if (first_) last_ = now;
-        first_ = false;
-        WheelPair<double> pair = arrives_.over(i);
-        pair.left += inertia_kg_m2_ * (now.left - last_.left) / i.dt_s;
-        pair.right += inertia_kg_m2_ * (now.right - last_.right) / i.dt_s;
-        last_ = now;
-        return pair;
-    }
-
-  private:
-    PathTerm<model::Backlash> arrives_;
-    double inertia_kg_m2_;
-    WheelPair<double> last_;
-    bool first_ = true;
-};
-
 class StribeckTerm : public Contribution {
   public:
     StribeckTerm(const Parameters<double>& p, const Setting&) : p_(p) {}
@@ -349,10 +326,6 @@ template <typename Effect>
     requires model::InTorquePath<Effect>
 struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
-};
-template <>
-struct TermOf<model::Backlash> {
-    using Type = BacklashTerm;
 };
 template <>
 struct TermOf<model::TorqueRipple> {

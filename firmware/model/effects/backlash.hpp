@@ -106,6 +106,13 @@ struct Backlash {
                 g.track_m / (2 * r * rest_inertia)};
     }
 
+    // The robot with its motors, from the one without.
+    template <typename Real>
+    static constexpr Dynamics<Real> whole(const Parameters<Real>& p, const Geometry<Real>& g,
+                                          const Dynamics<Real>& rest) {
+        return Backlash::rest(Parameters<Real>{p[0], -p[1]}, g, rest);
+    }
+
   private:
     // The motor takes the wheel's speed at once. Away from the wheel it may go as it goes.
     template <typename Real>
