@@ -139,7 +139,7 @@ class CastorTerm : public Contribution {
 // Sine and cosine of both wheels' angles times 1, 2, ...: what ripples of all orders share.
 class Harmonics {
   public:
-    static constexpr std::size_t kMost = 14;
+    static constexpr std::size_t kMost = kMostOrder;
     using Wave = std::array<model::SineCosine<double>, kMost + 1>;
 
     const WheelPair<Wave>& at(const Interval& i) {
@@ -554,7 +554,7 @@ Grid grid_of<model::TorqueRipple>(const Setting& s) {
               {}};
     // less than two periods are like anything that changes slowly
     constexpr double kLeast_rad = 4 * std::numbers::pi;
-    for (int order = 1; order <= 14; ++order) {
+    for (int order = 1; order <= kMostOrder; ++order) {
         if (order * s.turned_rad >= kLeast_rad) grid.points.push_back({0, double(order), 0});
     }
     return grid;
@@ -585,7 +585,6 @@ struct Rich {
     std::string_view place;
     WheelPair<double> (*value)(const Instant&);
 };
-double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
 WheelPair<double> each(const WheelPair<double>& a, double (*f)(double)) { return {f(a.left), f(a.right)}; }
 
 // NOLINTBEGIN(readability-magic-numbers): shapes, not quantities

@@ -33,6 +33,11 @@ struct Interval {
     }
 };
 
+// Periods in a turn of the wheel that a ripple is looked for with, from one on.
+inline constexpr int kMostOrder = 14;
+
+inline double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
+
 // How far apart the first look tries the time of an event, as a share of the log.
 inline constexpr double kEventSpacing = 1 / 18.0;
 

@@ -334,7 +334,6 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
     used.insert(used.end(), extra.begin(), extra.end());
     std::sort(used.begin(), used.end());
     used.erase(std::unique(used.begin(), used.end()), used.end());
-    constexpr std::size_t kFolds = 5;
     const std::size_t equations = shape.turning ? kEquations : kTurning;
     double total = 0;
     for (std::size_t e = 0; e < equations; ++e) {
@@ -365,7 +364,6 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
 }
 
 std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const std::vector<int>& columns) {
-    constexpr std::size_t kFolds = 5;
     constexpr double kExpected = 0.1;  // squares of what a column does over those of the torque
     Used used = used_by(blocks, model.shape);
     std::vector<Eigen::Index> extra;

@@ -57,6 +57,9 @@ double beyond_noise_share(const Blocks& blocks, const Fit& fit);
 // reached at best.
 double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& columns);
 
+// Blocks are left out of a fit in turn, every so many at once.
+inline constexpr std::size_t kFolds = 5;
+
 // By block, how much of its whitened squares free coefficients for `columns` in each equation explain beside
 // a model that may move with them, fitted to the other blocks.
 std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const std::vector<int>& columns);

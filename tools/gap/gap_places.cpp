@@ -18,11 +18,8 @@ constexpr std::array kTorqueLevels{0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9};  
 constexpr std::array kHighTorques{0.35, 0.6, 0.8};                              // of the peak
 constexpr std::array kHighSpeeds{0.2, 0.5};                                     // of the peak
 constexpr std::array kLags_s{0.005, 0.02, 0.08};
-constexpr int kOrders = 14;
 constexpr int kTimes = 7;
 // NOLINTEND(readability-magic-numbers)
-
-double sign_of(double x) { return x > 0 ? 1.0 : x < 0 ? -1.0 : 0.0; }
 
 enum Aspects { kOnly, kBeyond, kTorqueLate, kReversal, kFirstOrder };
 
@@ -38,7 +35,7 @@ std::span<const PlaceColumns::Kind> PlaceColumns::kinds() {
     constexpr std::size_t kPerOrder = 4;  // cosine and sine of each wheel
     constexpr std::size_t kCount = kWidths_rad_per_s.size() + kTorqueLevels.size() +
                                    kHighTorques.size() * kHighSpeeds.size() + 2 * kLags_s.size() +
-                                   kPerOrder * kOrders + kTimes;
+                                   kPerOrder * kMostOrder + kTimes;
     static constexpr std::array<Kind, kCount> kAll = [] {
         std::array<Kind, kCount> all{};
         std::size_t n = 0;
@@ -50,7 +47,7 @@ std::span<const PlaceColumns::Kind> PlaceColumns::kinds() {
         add(kHighTorques.size() * kHighSpeeds.size(), "torque times speed", kBeyond);
         add(kLags_s.size(), "lag", kTorqueLate);
         add(kLags_s.size(), "lag", kReversal);
-        for (int order = 1; order <= kOrders; ++order) add(kPerOrder, "wheel angle", kFirstOrder + order);
+        for (int order = 1; order <= kMostOrder; ++order) add(kPerOrder, "wheel angle", kFirstOrder + order);
         add(kTimes, "time", kOnly);
         return all;
     }();
@@ -87,7 +84,7 @@ void PlaceColumns::append(const Interval& i, std::vector<WheelPair<double>>& val
     const std::complex<double> right = std::polar(1.0, i.angle.right);
     std::complex<double> l = left;
     std::complex<double> r = right;
-    for (int order = 1; order <= kOrders; ++order, l *= left, r *= right) {
+    for (int order = 1; order <= kMostOrder; ++order, l *= left, r *= right) {
         values.push_back({l.real(), 0});
         values.push_back({l.imag(), 0});
         values.push_back({0, r.real()});

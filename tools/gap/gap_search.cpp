@@ -14,7 +14,6 @@ namespace wheelwright::gap {
 namespace {
 
 constexpr Eigen::Index kFirstAmount = 4;
-constexpr std::size_t kFolds = 5;
 constexpr double kApart = 4;           // standard errors of the difference between left and right
 constexpr double kCloser = 0.95;       // a grid's point must be better than a closer look by more than this
 constexpr double kSuperfluous = 0.05;  // probability of what goes again that was accepted once

@@ -106,7 +106,7 @@ struct Backlash {
                 g.track_m / (2 * r * rest_inertia)};
     }
 
-    // The robot with its motors, from the one without.
+    // K5..K8 of the robot with its motors, from those without: undoes rest().
     template <typename Real>
     static constexpr Dynamics<Real> whole(const Parameters<Real>& p, const Geometry<Real>& g,
                                           const Dynamics<Real>& rest) {
