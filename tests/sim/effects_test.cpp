@@ -223,6 +223,43 @@ TEST(EffectBacklash, the_impulse_that_does_not_arrive_is_the_motors_momentum) {
     }
 }
 
+// A robot of ten motors' inertia moved by what arrives, and one of eleven moved by as_whole: without drag the
+// motion is the same whenever there is contact.
+TEST(EffectBacklash, as_a_whole_the_robot_moves_the_same) {
+    for (const double step_s : {0.0005, 0.003}) {
+        memory = {};
+        Backlash::Memory<double> whole_memory;
+        double speed = 0;
+        double whole_speed = 0;
+        double angle = 0;
+        int in_contact = 0;
+        for (int i = 0; i < 2000; ++i) {
+            const auto at = instant(command_Nm(i), step_s, speed, angle);
+            whole_speed += step_s * Backlash::as_whole(parameters, whole_memory, at) / 0.022;
+            const double change = step_s * arrives(command_Nm(i), step_s, speed, angle) / 0.02;
+            angle += step_s * (speed + change / 2);
+            speed += change;
+            CHECK_EQUAL(memory.side, whole_memory.side);
+            if (memory.side == 0) continue;
+            ++in_contact;
+            // the motor has the wheel's speed of the step before
+            DOUBLES_EQUAL((0.02 * speed + 0.002 * memory.speed_rad_per_s) / 0.022, whole_speed, 1e-10);
+        }
+        CHECK(in_contact > 100 && in_contact < 1999);
+    }
+}
+
+TEST(EffectBacklash, as_a_whole_a_measured_wheels_noise_does_nothing_in_contact) {
+    for (int i = 0; i < 60; ++i) arrives(0.4, 0.0005);
+    CHECK_EQUAL(1, memory.side);
+    double sum = 0;
+    for (int i = 0; i < 100; ++i) {
+        const double noise = i % 2 == 0 ? 0.04 : -0.04;  // as an acceleration 0.32 Nm
+        sum += Backlash::as_whole(parameters, memory, instant(0.4, 0.0005, noise, 0.0));
+    }
+    DOUBLES_EQUAL(100 * 0.4, sum, 1e-12);
+}
+
 TEST(EffectBacklash, rest_is_the_robot_without_its_motors) {
     const MassProperties<double> whole{7.7, 0.21, 0.034, 0.0063};
     const MassProperties<double> rest{7.7, 0.21, 0.034, 0.0043};

@@ -401,15 +401,7 @@ class Analysis {
         }
     }
     model::Dynamics<double> dynamics_found() const {
-        return whole_of(dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m),
-                        effects_of(findings_.search.members, findings_.search.after, dictionary_->setting()));
-    }
-    // What arrives through backlash moves the robot without its motors, and K5..K8 are fitted to that.
-    model::Dynamics<double> whole_of(const model::Dynamics<double>& fitted,
-                                     const model::EffectSet<double>& effects) const {
-        constexpr std::size_t kBacklash = model::find_effect("backlash");
-        if (!effects.active[kBacklash]) return fitted;
-        return model::Backlash::whole(effects.parameter[kBacklash], request_.geometry, fitted);
+        return dynamics_of(findings_.search.after, findings_.turning, request_.geometry.track_m);
     }
 
     // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
@@ -836,16 +828,11 @@ class Analysis {
             effects_of({s.members.begin(), s.members.begin() + std::ptrdiff_t(s.base_members)}, s.base,
                        dictionary_->setting());
         findings_.effects_after = effects_of(s.members, s.after, dictionary_->setting());
-        findings_.before = whole_of(dynamics_of(s.base, findings_.turning, track), findings_.effects_before);
+        findings_.before = dynamics_of(s.base, findings_.turning, track);
         findings_.after = dynamics_found();
         if (request_.robot) {
             Fit nominal = s.base;
-            const auto& whole = request_.robot->dynamics;
-            constexpr std::size_t kBacklash = model::find_effect("backlash");
-            const auto k = request_.robot->effects.active[kBacklash]
-                               ? model::Backlash::rest(request_.robot->effects.parameter[kBacklash],
-                                                       request_.geometry, whole)
-                               : whole;
+            const auto& k = request_.robot->dynamics;
             nominal.value.setZero();
             nominal.value.head<4>() << k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2;
             Eigen::Index at = 5;  // after K5..K8 and the timing

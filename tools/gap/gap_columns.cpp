@@ -47,7 +47,11 @@ class PathTerm : public Contribution {
     double one(const Interval& i, double torque, double speed, double angle, Memory& memory, bool right) {
         const model::PathInstant<double> at{torque,   speed, angle - 0.5 * speed * i.dt_s, i.t_s, i.dt_s,
                                             i.span_s, right};
-        return Effect::deliver(p_, memory, at) - torque;
+        if constexpr (requires { &Effect::template as_whole<double>; }) {
+            return Effect::as_whole(p_, memory, at) - torque;
+        } else {
+            return Effect::deliver(p_, memory, at) - torque;
+        }
     }
     Parameters<double> p_;
     WheelPair<Memory> memory_;

@@ -12,7 +12,11 @@ namespace wheelwright::model {
 // nothing arrives. In contact it turns with the wheel: what arrives is the torque less what accelerates the
 // motor, and it can only push. On contact the motor's momentum passes at once, without rebound.
 //
-// So what arrives moves the robot *without* its motors: rest() gives that robot's K5..K8.
+// So what arrives moves the robot *without* its motors: rest() gives that robot's K5..K8. The same motion, as
+// of the robot *with* its motors, is that of as_whole(): in contact the torque; in the gap nothing; on
+// contact at once what the torque has done in the gap. What the motors' share of drag does meanwhile is left
+// out of it. It knows of the wheel's acceleration only when contact is lost, so a measured wheel's noise is
+// not in it.
 struct Backlash {
     static constexpr std::array<EffectParameterInfo, 2> parameters{{
         {"half_gap_rad", "rad", 0.0, 1.0, "angle of the wheel by which the motor is free to either side"},
@@ -34,11 +38,44 @@ struct Backlash {
         Real wheel_angle_rad{};  // where the wheel was expected at the end of the last step
         int side = 0;            // of contact: 1 the motor drives the wheel forward, -1 back, 0 free
         bool begun = false;
+        Real gathered_Nms{};  // by the motor since it lost contact
+    };
+
+    template <typename Real>
+    static constexpr Real deliver(const Parameters<Real>& p, Memory<Real>& m, const PathInstant<Real>& at) {
+        return over_step(p, m, at).arrives / at.step_s;
+    }
+
+    // The mean torque over the step that moves the robot with its motors in the same way.
+    template <typename Real>
+    static constexpr Real as_whole(const Parameters<Real>& p, Memory<Real>& m, const PathInstant<Real>& at) {
+        return over_step(p, m, at).as_whole / at.step_s;
+    }
+
+    // The robot without its motors.
+    template <typename Real>
+    static constexpr Dynamics<Real> rest(const Parameters<Real>& p, const Geometry<Real>& g,
+                                         const Dynamics<Real>& k) {
+        const Real r = g.mean_radius_m();
+        const Real mass = 1 / (k.k7_per_kg_m * r);
+        const Real inertia = g.track_m / (2 * r * k.k8_per_kg_m2);
+        const Real rest_mass = mass - 2 * p[1] / (r * r);
+        const Real rest_inertia = inertia - p[1] * g.track_m * g.track_m / (2 * r * r);
+        return {k.k5_m * mass / rest_mass, k.k6_per_m * inertia / rest_inertia, 1 / (rest_mass * r),
+                g.track_m / (2 * r * rest_inertia)};
+    }
+
+  private:
+    template <typename Real>
+    struct Impulse {
+        Real arrives{};   // at the robot without its motors
+        Real as_whole{};  // at the robot with them
     };
 
     // The wheel is taken to keep its speed over the step; what it did otherwise is made up for in the next.
     template <typename Real>
-    static constexpr Real deliver(const Parameters<Real>& p, Memory<Real>& m, const PathInstant<Real>& at) {
+    static constexpr Impulse<Real> over_step(const Parameters<Real>& p, Memory<Real>& m,
+                                             const PathInstant<Real>& at) {
         const Real gap = p[0];
         const Real inertia = p[1] > Real(1e-9) ? p[1] : Real(1e-9);
         const Real wheel = at.speed_rad_per_s;
@@ -48,7 +85,7 @@ struct Backlash {
             m.wheel_angle_rad = at.angle_rad;
         }
         Real rest_s = at.step_s;
-        Real impulse = 0;
+        Impulse<Real> impulse;
         if (m.side == 0) {
             m.ahead_rad += m.wheel_angle_rad - at.angle_rad;
             if (m.ahead_rad >= gap || m.ahead_rad <= -gap) {  // the wheel met it
@@ -62,7 +99,8 @@ struct Backlash {
             if (m.side != 0) {
                 const Real arrives = at.torque_Nm * rest_s - inertia * (wheel - m.speed_rad_per_s);
                 if (arrives * static_cast<Real>(m.side) >= 0) {
-                    impulse += arrives;
+                    impulse.arrives += arrives;
+                    impulse.as_whole += at.torque_Nm * rest_s;
                     m.speed_rad_per_s = wheel;
                     rest_s = 0;
                     break;
@@ -84,43 +122,25 @@ struct Backlash {
             }
             m.ahead_rad += meets_s * (relative + acceleration * meets_s / 2);
             m.speed_rad_per_s += acceleration * meets_s;
+            m.gathered_Nms += at.torque_Nm * meets_s;
             rest_s -= meets_s;
             if (side == 0) break;
             m.side = side;
             touch(m, gap, inertia, wheel, impulse);
         }
         m.wheel_angle_rad = at.angle_rad + wheel * at.step_s;
-        return impulse / at.step_s;
+        return impulse;
     }
 
-    // The robot without its motors.
-    template <typename Real>
-    static constexpr Dynamics<Real> rest(const Parameters<Real>& p, const Geometry<Real>& g,
-                                         const Dynamics<Real>& k) {
-        const Real r = g.mean_radius_m();
-        const Real mass = 1 / (k.k7_per_kg_m * r);
-        const Real inertia = g.track_m / (2 * r * k.k8_per_kg_m2);
-        const Real rest_mass = mass - 2 * p[1] / (r * r);
-        const Real rest_inertia = inertia - p[1] * g.track_m * g.track_m / (2 * r * r);
-        return {k.k5_m * mass / rest_mass, k.k6_per_m * inertia / rest_inertia, 1 / (rest_mass * r),
-                g.track_m / (2 * r * rest_inertia)};
-    }
-
-    // K5..K8 of the robot with its motors, from those without: undoes rest().
-    template <typename Real>
-    static constexpr Dynamics<Real> whole(const Parameters<Real>& p, const Geometry<Real>& g,
-                                          const Dynamics<Real>& rest) {
-        return Backlash::rest(Parameters<Real>{p[0], -p[1]}, g, rest);
-    }
-
-  private:
     // The motor takes the wheel's speed at once. Away from the wheel it may go as it goes.
     template <typename Real>
-    static constexpr void touch(Memory<Real>& m, Real gap, Real inertia, Real wheel, Real& impulse) {
+    static constexpr void touch(Memory<Real>& m, Real gap, Real inertia, Real wheel, Impulse<Real>& impulse) {
         const auto side = static_cast<Real>(m.side);
         m.ahead_rad = side * gap;
+        impulse.as_whole += m.gathered_Nms;
+        m.gathered_Nms = 0;
         if (side * (m.speed_rad_per_s - wheel) <= 0) return;
-        impulse += inertia * (m.speed_rad_per_s - wheel);
+        impulse.arrives += inertia * (m.speed_rad_per_s - wheel);
         m.speed_rad_per_s = wheel;
     }
 
