@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <complex>
 #include <functional>
 #include <numbers>
 #include <utility>
@@ -37,6 +38,7 @@ template <typename Effect>
 class PathTerm : public Contribution {
   public:
     PathTerm(const Parameters<double>& p, const Setting&) : p_(p) {}
+    bool slow() const override { return std::is_same_v<Effect, model::GainDrift>; }
     WheelPair<double> over(const Interval& i) override {
         return {one(i, i.torque.left, i.speed().left, i.angle.left, memory_.left, false),
                 one(i, i.torque.right, i.speed().right, i.angle.right, memory_.right, true)};
@@ -175,16 +177,16 @@ class RippleTerm : public Contribution {
         : amplitude_Nm_(p[0]),
           order_(p[1]),
           shared_(p[1] == std::floor(p[1]) && p[1] >= 0 && p[1] <= double(Harmonics::kMost)),
-          phase_(model::sine_cosine(p[2])),
+          phase_{model::sine_cosine(p[2]), model::sine_cosine(p[2] + p[3])},
           harmonics_(std::make_shared<Harmonics>()) {}
     WheelPair<double> over(const Interval& i) override {
         if (!shared_) {
-            return {ripple(model::sine_cosine(order_ * i.angle.left)),
-                    ripple(model::sine_cosine(order_ * i.angle.right))};
+            return {ripple(model::sine_cosine(order_ * i.angle.left), phase_.left),
+                    ripple(model::sine_cosine(order_ * i.angle.right), phase_.right)};
         }
         const auto& wave = harmonics_->at(i);
         const auto n = static_cast<std::size_t>(order_);
-        return {ripple(wave.left[n]), ripple(wave.right[n])};
+        return {ripple(wave.left[n], phase_.left), ripple(wave.right[n], phase_.right)};
     }
     void share(const Contribution& other) override {
         const auto* ripple = dynamic_cast<const RippleTerm*>(&other);
@@ -192,18 +194,20 @@ class RippleTerm : public Contribution {
     }
 
   private:
-    double ripple(const model::SineCosine<double>& wave) const {
-        return amplitude_Nm_ * (wave.sine * phase_.cosine + wave.cosine * phase_.sine);
+    using Phase = model::SineCosine<double>;
+    double ripple(const Phase& wave, const Phase& phase) const {
+        return amplitude_Nm_ * (wave.sine * phase.cosine + wave.cosine * phase.sine);
     }
     double amplitude_Nm_, order_;
     bool shared_;
-    model::SineCosine<double> phase_;
+    WheelPair<Phase> phase_;
     std::shared_ptr<Harmonics> harmonics_;
 };
 
 class CogLateralTerm : public Contribution {
   public:
     CogLateralTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s) {}
+    bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {
         const Twist<double> d = change(s_, i);
         return model::wheel_torque_Nm(
@@ -220,6 +224,7 @@ class RadiusMismatchTerm : public Contribution {
   public:
     RadiusMismatchTerm(const Parameters<double>& p, const Setting& s)
         : s_(s), real_(model::WheelRadiusMismatch::geometry(p, s.geometry)) {}
+    bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {
         const Twist<double> seen = model::twist_from_wheel_speeds(s_.geometry, i.speed());
         const Twist<double> is = model::twist_from_wheel_speeds(real_, i.speed());
@@ -275,6 +280,7 @@ class PayloadTerm : public Contribution {
         : p_(p),
           s_(s),
           loaded_(model::PayloadStep::loaded(p, s.geometry, s.dynamics, s.dynamics.k5_m + p[3])) {}
+    bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {
         const double after = std::clamp((i.t_s + i.dt_s - p_[0]) / i.dt_s, 0.0, 1.0);
         if (after == 0) return {};
@@ -547,12 +553,19 @@ Grid grid_of<model::GainDrift>(const Setting& s) {
 }
 template <>
 Grid grid_of<model::TorqueRipple>(const Setting& s) {
+    // the wheels alike, and one against the other
+    constexpr double kPi = std::numbers::pi;
     Grid grid{{},
               [](const Parameters<double>& at) {
-                  return std::vector<Parameters<double>>{{1, at[1], 0}, {1, at[1], std::numbers::pi / 2}};
+                  const double n = at[1];
+                  return std::vector<Parameters<double>>{
+                      {1, n, 0, 0}, {1, n, kPi / 2, 0}, {1, n, 0, kPi}, {1, n, kPi / 2, kPi}};
               },
               [](const Parameters<double>& at, const Eigen::VectorXd& a) {
-                  return Parameters<double>{std::hypot(a(0), a(1)), at[1], std::atan2(a(1), a(0))};
+                  const std::complex<double> left{a(0) + a(2), a(1) + a(3)};
+                  const std::complex<double> right{a(0) - a(2), a(1) - a(3)};
+                  return Parameters<double>{(std::abs(left) + std::abs(right)) / 2, at[1], std::arg(left),
+                                            std::arg(right * std::conj(left))};
               },
               any_size,
               {}};

@@ -79,7 +79,7 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
             unsure = std::max(setting.event_spacing_s, setting.period_s) / p.value;
         }
         double more = unmoved[j];
-        if ((name == "slope" && j == 1) || (name == "torque_ripple" && j == 2)) {
+        if ((name == "slope" && j == 1) || (name == "torque_ripple" && j >= 2)) {
             more = std::hypot(more, kDirection_rad);
         }
         if (name == "castor_drag") {

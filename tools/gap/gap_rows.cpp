@@ -6,6 +6,8 @@
 #include <map>
 #include <optional>
 
+#include "tools/gap/products.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
@@ -28,10 +30,7 @@ double mean_product(double a0, double a1, double b0, double b1) {
     return (2 * a0 * b0 + a0 * b1 + a1 * b0 + 2 * a1 * b1) / 6;
 }
 
-// The upper triangle from the lower.
-void mirror(Eigen::MatrixXd& m) { m.triangularView<Eigen::StrictlyUpper>() = m.transpose().eval(); }
-
-// The transform of a block of so many intervals: rows k, columns n. A sine is even or odd about the block's
+// The transform of a block of so many intervals: rows n, columns k. A sine is even or odd about the block's
 // middle, so only the first half is kept, of odd k and of even k.
 struct Sines {
     Eigen::MatrixXd odd, even;
@@ -41,12 +40,12 @@ const Sines& sines(int intervals, int rows, KnownSines& known) {
     Sines& s = known[{intervals, rows}];
     if (s.odd.size() == 0) {
         const int half = (intervals + 1) / 2;
-        s.odd.resize((rows + 1) / 2, half);
-        s.even.resize(rows / 2, half);
+        s.odd.resize(half, (rows + 1) / 2);
+        s.even.resize(half, rows / 2);
         for (int k = 1; k <= rows; ++k) {
             const double scale = 1 / (std::sqrt(2.0 * intervals) * std::sin(k * kPi / (2.0 * intervals)));
             for (int n = 0; n < half; ++n) {
-                (k % 2 == 1 ? s.odd : s.even)((k - 1) / 2, n) =
+                (k % 2 == 1 ? s.odd : s.even)(n, (k - 1) / 2) =
                     scale * std::sin(k * kPi * (n + 0.5) / intervals);
             }
         }
@@ -56,16 +55,16 @@ const Sines& sines(int intervals, int rows, KnownSines& known) {
 // `x`: columns by interval.
 Eigen::MatrixXd transformed(const Sines& s, const Eigen::MatrixXd& x) {
     const Eigen::Index whole = x.cols() / 2;  // an interval in the middle belongs to no pair
-    const Eigen::Index half = s.odd.cols();
+    const Eigen::Index half = s.odd.rows();
     Eigen::MatrixXd sum = x.leftCols(half);
     Eigen::MatrixXd difference = x.leftCols(half);
     for (Eigen::Index n = 0; n < whole; ++n) {
         sum.col(n) += x.col(x.cols() - 1 - n);
         difference.col(n) -= x.col(x.cols() - 1 - n);
     }
-    Eigen::MatrixXd rows(s.odd.rows() + s.even.rows(), x.rows());
-    rows(Eigen::seqN(0, s.odd.rows(), 2), Eigen::all) = s.odd * sum.transpose();
-    rows(Eigen::seqN(1, s.even.rows(), 2), Eigen::all) = s.even * difference.transpose();
+    Eigen::MatrixXd rows(s.odd.cols() + s.even.cols(), x.rows());
+    rows(Eigen::seqN(0, s.odd.cols(), 2), Eigen::all) = product(sum, s.odd).transpose();
+    rows(Eigen::seqN(1, s.even.cols(), 2), Eigen::all) = product(difference, s.even).transpose();
     return rows;
 }
 
@@ -222,7 +221,7 @@ class Maker {
             });
         }
         looked_at_ += looked_at;
-        to_.wheel_power.selfadjointView<Eigen::Lower>().rankUpdate(wheels);
+        to_.wheel_power += times_itself(wheels);
 
         Block made;
         made.log = part.index;
@@ -299,10 +298,8 @@ Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns) {
     for (std::size_t e = 0; e < kEquations; ++e) {
         Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(count + 1, count + 1);
         for (const Block& block : set.blocks) {
-            const Eigen::MatrixXd rows = block.row[e](Eigen::all, with_y);
-            sum.selfadjointView<Eigen::Lower>().rankUpdate(rows.transpose());
+            sum += times_itself(block.row[e](Eigen::all, with_y).transpose());
         }
-        mirror(sum);
         Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
         for (Eigen::Index i = 0; i < count; ++i) normal(i, i) += 1e-7 * normal(i, i) + 1e-12;
         Eigen::VectorXd c(count + 1);
@@ -332,10 +329,7 @@ void weigh(BlockSet& set, const Colour& colour) {
             for (Eigen::Index k = 0; k < weight.size(); ++k) {
                 weight(k) = 1 / colour.power[e][colour.bin(double(k + 1) * block.first_Hz)];
             }
-            const Eigen::MatrixXd weighted = weight.cwiseSqrt().asDiagonal() * block.row[e];
-            block.product[e] = Eigen::MatrixXd::Zero(weighted.cols(), weighted.cols());
-            block.product[e].selfadjointView<Eigen::Lower>().rankUpdate(weighted.transpose());
-            mirror(block.product[e]);
+            block.product[e] = times_itself((weight.cwiseSqrt().asDiagonal() * block.row[e]).transpose());
         }
     }
 }
@@ -346,7 +340,6 @@ BlockSet make_blocks(std::span<const LogPart> parts, const BlockOptions& options
     for (const LogPart& part : parts) {
         if (part.end > part.first + std::size_t(kFewestIntervals)) maker.add(part);
     }
-    mirror(set.wheel_power);
     maker.finish();
     return set;
 }

@@ -8,12 +8,13 @@
 namespace wheelwright::model {
 
 // Torque that a motor's poles and slots, or a gear, add with the wheel's angle:
-//   tau = u + amplitude sin(order angle + phase), on both wheels alike.
+//   tau = u + amplitude sin(order angle + phase), on the right wheel with phase + phase_difference.
 struct TorqueRipple {
-    static constexpr std::array<EffectParameterInfo, 3> parameters{{
+    static constexpr std::array<EffectParameterInfo, 4> parameters{{
         {"amplitude_Nm", "Nm", 0.0, 100.0, "largest torque of the ripple"},
         {"order", "", 0.0, 10000.0, "periods in a turn of the wheel"},
-        {"phase_rad", "rad", -3.15, 3.15, "phase at the wheel's angle 0"},
+        {"phase_rad", "rad", -3.15, 3.15, "phase at the left wheel's angle 0"},
+        {"phase_difference_rad", "rad", -3.15, 3.15, "phase at the right wheel's angle 0 less the left's"},
     }};
     static constexpr EffectInfo info{"torque_ripple", "torque that swings with the wheel's angle",
                                      "cogging torque as one harmonic, Hanselman (1994)", parameters,
@@ -21,8 +22,8 @@ struct TorqueRipple {
 
     template <typename Real>
     static constexpr WheelPair<Real> torque(const Parameters<Real>& p, const EffectContext<Real>& at) {
-        const auto ripple = [&](Real angle) { return p[0] * sine_cosine(p[1] * angle + p[2]).sine; };
-        return {ripple(at.motion.wheel_angle_rad.left), ripple(at.motion.wheel_angle_rad.right)};
+        const auto& angle = at.motion.wheel_angle_rad;
+        return {ripple(p, angle.left, false), ripple(p, angle.right, true)};
     }
 
     static constexpr int path_place = 90;
@@ -30,7 +31,13 @@ struct TorqueRipple {
     struct Memory {};
     template <typename Real>
     static constexpr Real deliver(const Parameters<Real>& p, Memory<Real>&, const PathInstant<Real>& at) {
-        return at.torque_Nm + p[0] * sine_cosine(p[1] * at.angle_rad + p[2]).sine;
+        return at.torque_Nm + ripple(p, at.angle_rad, at.right);
+    }
+
+  private:
+    template <typename Real>
+    static constexpr Real ripple(const Parameters<Real>& p, Real angle_rad, bool right) {
+        return p[0] * sine_cosine(p[1] * angle_rad + p[2] + (right ? p[3] : Real(0))).sine;
     }
 };
 
