@@ -384,7 +384,8 @@ double Plant::lateral_slope_Nm(const model::EffectContext<double>& context) cons
     const model::Parameters<double> pull = model::Slope::coordinates(*slope);
     const double force_N = pull[0] * model::Slope::column(0, context).force_N +
                            pull[1] * model::Slope::column(1, context).force_N;
-    return -lateral_m_ * force_N;
+    // the offset is one of all that is accelerated, cog_lateral.hpp
+    return -lateral_m_ * force_N / (1 - model::kRotationShare);
 }
 
 void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
