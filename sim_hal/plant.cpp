@@ -246,13 +246,17 @@ void Plant::add_payload(const Payload& load) {
     set_parameters(p);
 }
 
-void Plant::place(const Pose<double>& pose, const Twist<double>& twist) {
+void Plant::place(const Pose<double>& pose, const Twist<double>& twist,
+                  const WheelPair<double>& slip_m_per_s) {
     pose_ = pose;
     const SineCosine heading = sine_cosine(pose.heading_rad);
     heading_sine_ = heading.sine;
     heading_cosine_ = heading.cosine;
     twist_ = twist;
     speed_ = model::wheel_speeds_from_twist(actual_.geometry, twist);
+    if (!slips_) return;
+    speed_.left += slip_m_per_s.left / actual_.geometry.wheel_radius_m.left;
+    speed_.right += slip_m_per_s.right / actual_.geometry.wheel_radius_m.right;
 }
 
 double Plant::kinetic_energy_J() const {
@@ -380,7 +384,8 @@ double Plant::lateral_slope_Nm(const model::EffectContext<double>& context) cons
     const model::Parameters<double> pull = model::Slope::coordinates(*slope);
     const double force_N = pull[0] * model::Slope::column(0, context).force_N +
                            pull[1] * model::Slope::column(1, context).force_N;
-    return -lateral_m_ * force_N;
+    // the offset is one of all that is accelerated, cog_lateral.hpp
+    return -lateral_m_ * force_N / (1 - model::kRotationShare);
 }
 
 void Plant::advance(double dt_s, const WheelPair<double>& torque_Nm) {
@@ -441,7 +446,8 @@ void Plant::derive_slip() {
     const double left = 1 / (p.geometry.wheel_radius_m.left * p.geometry.wheel_radius_m.left);
     const double right = 1 / (p.geometry.wheel_radius_m.right * p.geometry.wheel_radius_m.right);
     const double half_track = p.geometry.track_m / 2;
-    double inertia = p.wheel_inertia_kg_m2 > 0 ? p.wheel_inertia_kg_m2 : 0.1 * p.mass_kg / (left + right);
+    double inertia = p.wheel_inertia_kg_m2 > 0 ? p.wheel_inertia_kg_m2
+                                               : model::kRotationShare * p.mass_kg / (left + right);
     inertia = std::min(inertia, 0.5 * p.inertia_kg_m2 / ((left + right) * half_track * half_track));
     slip_inertia_kg_m2_ = inertia;
     slip_load_N_ = model::WheelSlip::load_N(p.geometry, dynamics_);

@@ -39,7 +39,7 @@ struct PlantParameters {
     double centrifugal_kg_m = 0;    // c: mass times distance of the centre of gravity ahead of the axle
     double coriolis_kg_m = 0;       // d: minus the same in physical robots
     model::EffectSet<double> effects;
-    double wheel_inertia_kg_m2 = 0;     // of one wheel, part of M; used where tyres slip. 0: a tenth of M11
+    double wheel_inertia_kg_m2 = 0;     // one wheel's, part of M; where tyres slip. 0: kRotationShare tells
     double span_s = 60;                 // over which a linear gain drift takes its whole loss
     double start_s = 0;                 // since the beginning of the run, for effects that know the time
     WheelPair<double> start_angle_rad;  // of the wheels
@@ -91,8 +91,9 @@ class Plant {
     void add_payload(const Payload& payload);
     void set_disturbance(const Disturbance& disturbance) { disturbance_ = disturbance; }
 
-    // Puts the state; wheel angles stay.
-    void place(const Pose<double>& pose, const Twist<double>& twist);
+    // Puts the state; wheel angles stay. Tyres slip only with the effect wheel_slip.
+    void place(const Pose<double>& pose, const Twist<double>& twist,
+               const WheelPair<double>& slip_m_per_s = {});
 
     // As given: without what effects make of them.
     const PlantParameters& parameters() const { return parameters_; }

@@ -31,6 +31,11 @@ struct Dynamics {
     Real k8_per_kg_m2{};
 };
 
+// Share that the wheels' rotation, motors included, has in the mass m_eff that K7 stands for. Hardly a log of
+// wheel speeds tells it: solid wheels of a sixth of the robot's mass, give or take, with its standard error.
+inline constexpr double kRotationShare = 0.08;
+inline constexpr double kRotationShareError = 0.04;
+
 // Masses and lengths from which K5..K8 follow; what a simulated robot is described by.
 template <typename Real>
 struct MassProperties {

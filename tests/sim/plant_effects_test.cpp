@@ -215,9 +215,18 @@ TEST(SimPlantRobot, on_a_slope_a_lateral_centre_of_gravity_turns_the_robot) {
     const double b = 0.031;
     Plant p = robot(with("cog_lateral", {b}, with("slope", {0.05, 0})));
     p.advance(1e-4, {});
-    // uphill ahead: it falls back without turning, as any body in free fall
-    DOUBLES_EQUAL(-9.80665 * std::sin(0.05) * 1e-4, p.twist().v_m_per_s, 1e-10);
-    DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-10);
+    // Uphill ahead. Without the wheels' rotation it would fall back without turning; as it is, rotation holds
+    // the axle back and the centre of gravity goes ahead of it.
+    const double pull = -9.80665 * std::sin(0.05);
+    const double falls = (1 - model::kRotationShare) * kMass_kg * pull;
+    const double moment = -b * kMass_kg * pull;  // of the same body, at the offset that it really has
+    const double coupling = -b * kMass_kg;
+    const double determinant = kMass_kg * kInertia_kg_m2 - coupling * coupling;
+    DOUBLES_EQUAL((kInertia_kg_m2 * falls - coupling * moment) / determinant * 1e-4, p.twist().v_m_per_s,
+                  1e-10);
+    DOUBLES_EQUAL((kMass_kg * moment - coupling * falls) / determinant * 1e-4, p.twist().omega_rad_per_s,
+                  1e-10);
+    CHECK(p.twist().omega_rad_per_s > 1e-8);
 }
 
 TEST(SimPlantRobot, a_payload_comes_at_its_time_and_keeps_the_speed) {
@@ -269,6 +278,42 @@ TEST(SimPlantSlip, a_pulling_tyre_slips_by_its_share_of_the_largest_force) {
     DOUBLES_EQUAL(slip_speed * force / (mu * load), p.slip_m_per_s().left, 1e-9);
     DOUBLES_EQUAL(p.slip_m_per_s().left, kRadius_m * p.wheel_speed_rad_per_s().left - p.twist().v_m_per_s,
                   1e-12);
+}
+
+TEST(SimPlantSlip, soft_tyres_go_after_the_torque_as_the_columns_of_a_log_take_it) {
+    const model::Parameters<double> soft{1.3, 1.7};
+    Plant p = robot(with("wheel_slip", soft));
+    // one wheel's rotation as mass at its rim, and its share where the robot drives on, and where it turns
+    const double rim_kg = model::kRotationShare * kMass_kg / 2;
+    const double share = 2 * rim_kg / kMass_kg;
+    const double turning_share = rim_kg * kTrack_m * kTrack_m / (2 * kInertia_kg_m2);
+    const double give = soft[1] / (soft[0] * kMass_kg * 9.80665 / 2);  // slip per force
+    const auto slip = [&](double of_it, double torque_Nm, double time_s) {
+        return (1 - of_it) * give * torque_Nm / kRadius_m *
+               (1 - std::exp(-time_s / ((1 - of_it) * give * rim_kg)));
+    };
+    const WheelPair<double> torque{0.11, 0.42};
+    double time_s = 0;
+    for (const double more_s : {0.004, 0.008, 0.03}) {
+        time_s += more_s;
+        go(p, more_s, torque, 5e-5);
+        const double ahead = slip(share, torque.sum() / 2, time_s);
+        const double across = slip(turning_share, torque.difference(), time_s);
+        const WheelPair<double> rim{kRadius_m * p.wheel_speed_rad_per_s().left,
+                                    kRadius_m * p.wheel_speed_rad_per_s().right};
+        DOUBLES_EQUAL(kK7 * torque.sum() * time_s + (1 - share) * ahead, rim.sum() / 2, 0.004 * ahead);
+        DOUBLES_EQUAL(kK8 * torque.difference() * time_s + (1 - turning_share) * across / kTrack_m,
+                      rim.difference() / kTrack_m, 0.004 * across / kTrack_m);
+        const model::Dynamics<double> k{0, 0, kK7, kK8};
+        const auto forward = model::WheelSlip::forward(soft, p.parameters().geometry, k);
+        const auto turning = model::WheelSlip::turning(soft, p.parameters().geometry, k);
+        DOUBLES_EQUAL(ahead, forward.slip_per_force * torque.sum() / 2 / kRadius_m * forward.share_of(time_s),
+                      1e-12);
+        DOUBLES_EQUAL(across,
+                      turning.slip_per_force * torque.difference() / kRadius_m * turning.share_of(time_s),
+                      1e-12);
+        DOUBLES_EQUAL(1 - turning_share, turning.bodys_share, 1e-12);
+    }
 }
 
 TEST(SimPlantSlip, beyond_its_limit_a_tyre_pushes_with_that_and_the_wheel_spins_up) {

@@ -388,13 +388,16 @@ TEST(SimPlantEffects, torque_bias_drives_a_robot_that_nobody_drives) {
     DOUBLES_EQUAL(6.1 * -0.07 * 0.7, p.twist().omega_rad_per_s, 1e-12);
 }
 
-TEST(SimPlantEffects, a_slope_pulls_back_uphill_and_forward_downhill_by_g_sine) {
+// Gravity does not pull at the wheels' rotation.
+TEST(SimPlantEffects, a_slope_pulls_back_uphill_and_forward_downhill_by_g_sine_at_the_body) {
     const double angle = 0.06;
+    const double body = 1 - model::kRotationShare;
     for (const double uphill : {0.0, 2.1, -1.3}) {
         Plant p = plant(uncoupled(), effect("slope", {angle, uphill}));
         p.place({0, 0, 0.4}, {});
         go(p, 0.3, {});
-        DOUBLES_EQUAL(-9.80665 * std::sin(angle) * std::cos(uphill - 0.4) * 0.3, p.twist().v_m_per_s, 1e-9);
+        DOUBLES_EQUAL(-9.80665 * body * std::sin(angle) * std::cos(uphill - 0.4) * 0.3, p.twist().v_m_per_s,
+                      1e-9);
         DOUBLES_EQUAL(0, p.twist().omega_rad_per_s, 1e-12);
     }
 }
@@ -415,11 +418,12 @@ TEST(SimPlantEffects, a_robot_that_rolls_on_a_slope_keeps_its_energy) {
     Plant p = plant(dynamics(), effect("slope", {angle, 0.8}), geometry(0.071, 0.079));
     p.place({0, 0, 1.9}, {0.3, 1.1});
     const PlantParameters& q = p.parameters();
-    const double ahead = q.centrifugal_kg_m / q.mass_kg;
+    const double body_kg = (1 - model::kRotationShare) * q.mass_kg;
+    const double ahead = q.centrifugal_kg_m / body_kg;
     const auto energy = [&] {
         const double along = (p.pose().x_m + ahead * std::cos(p.pose().heading_rad)) * std::cos(0.8) +
                              (p.pose().y_m + ahead * std::sin(p.pose().heading_rad)) * std::sin(0.8);
-        return p.kinetic_energy_J() + q.mass_kg * 9.80665 * std::sin(angle) * along;
+        return p.kinetic_energy_J() + body_kg * 9.80665 * std::sin(angle) * along;
     };
     const double before = energy();
     for (int i = 0; i < 10; ++i) {

@@ -4,8 +4,31 @@
 #include <cmath>
 
 #include "sim_hal/plant.hpp"
+#include "tools/gap/tyre_slip.hpp"
 
 namespace wheelwright::gap {
+namespace {
+
+// By which the tyres slip at the stretch's begin, from the torques before it.
+WheelPair<double> slip_at_start(const SimulatedRobot& robot, const Stretch& stretch) {
+    constexpr std::size_t kSlip = model::find_effect("wheel_slip");
+    if (!robot.effects.active[kSlip]) return {};
+    TyreSlip slip(robot.effects.parameter[kSlip], robot.geometry, robot.dynamics);
+    // so long that what was before is forgotten
+    constexpr double kRemembered = 10;
+    const tools::MeasuredLog& log = *stretch.log;
+    const double longest_s =
+        kRemembered * std::max(slip.of_mean().time_constant_s, slip.of_difference().time_constant_s);
+    const std::size_t before =
+        std::min(stretch.first, 1 + static_cast<std::size_t>(longest_s / log.period_s));
+    if (before == 0) slip.advance(log.samples[stretch.first].torque_Nm, log.period_s);
+    for (std::size_t i = stretch.first - before; i < stretch.first; ++i)
+        slip.advance(log.samples[i].torque_Nm, log.period_s);
+    const double half = slip.difference_m_per_s() / 2;
+    return {slip.mean_m_per_s() - half, slip.mean_m_per_s() + half};
+}
+
+}  // namespace
 
 std::size_t samples_in_step(double period_s, double step_s) {
     return std::max<std::size_t>(1, static_cast<std::size_t>(step_s / period_s + 1e-9));
@@ -30,7 +53,11 @@ double free_run(const SimulatedRobot& robot, const Stretch& stretch, const Wheel
         const double mean = pair.sum() / 2;
         return WheelPair<double>{mean, mean};
     };
-    plant.place(pose, model::twist_from_wheel_speeds(robot.geometry, balanced(start_rad_per_s)));
+    const WheelPair<double> slip = balanced(slip_at_start(robot, stretch));
+    WheelPair<double> rolls = balanced(start_rad_per_s);
+    rolls.left -= slip.left / robot.geometry.wheel_radius_m.left;
+    rolls.right -= slip.right / robot.geometry.wheel_radius_m.right;
+    plant.place(pose, model::twist_from_wheel_speeds(robot.geometry, rolls), slip);
     const std::size_t together = samples_in_step(log.period_s, step_s);
     const double period_s = double(together) * log.period_s;
     const int steps = static_cast<int>(std::ceil(period_s / step_s - 1e-9));

@@ -10,6 +10,7 @@
 
 #include "firmware/model/sine_cosine.hpp"
 #include "tools/gap/gap_places.hpp"
+#include "tools/gap/tyre_slip.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -251,26 +252,36 @@ class RadiusMismatchTerm : public Contribution {
     model::Geometry<double> real_;
 };
 
-// The torque's change shows at once as slip of its wheel.
+// p[2], which the catalogue does not have: by how much the share of the wheels' rotation is larger than the
+// usual one.
 class SlipTerm : public Contribution {
   public:
-    SlipTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s) {}
+    SlipTerm(const Parameters<double>& p, const Setting& s)
+        : s_(s), slip_(p, s.geometry, s.dynamics, model::kRotationShare + p[2]) {}
     WheelPair<double> over(const Interval& i) override {
-        const WheelPair<double> change{slip(i.torque.left, s_.geometry.wheel_radius_m.left) -
-                                           slip(i.torque_before.left, s_.geometry.wheel_radius_m.left),
-                                       slip(i.torque.right, s_.geometry.wheel_radius_m.right) -
-                                           slip(i.torque_before.right, s_.geometry.wheel_radius_m.right)};
-        return pair_for(s_, change.sum() / 2, change.difference() / s_.geometry.track_m, i.dt_s);
+        // at the very first it has settled
+        if (first_) slip_.advance(i.torque, i.dt_s);
+        first_ = false;
+        const double mean = slip_.mean_m_per_s();
+        const double difference = slip_.difference_m_per_s();
+        slip_.advance(i.torque, i.dt_s);
+        const double forward = slip_.of_mean().bodys_share * (slip_.mean_m_per_s() - mean);
+        const double turning = slip_.of_difference().bodys_share * (slip_.difference_m_per_s() - difference);
+        // the body's speeds, not the wheels', make the products of speeds
+        const Twist<double> wheels = model::twist_from_wheel_speeds(s_.geometry, i.speed());
+        const double v = wheels.v_m_per_s - (mean + slip_.mean_m_per_s()) / 2;
+        const double omega =
+            wheels.omega_rad_per_s - (difference + slip_.difference_m_per_s()) / 2 / s_.geometry.track_m;
+        const double square = omega * omega - wheels.omega_rad_per_s * wheels.omega_rad_per_s;
+        const double product = v * omega - wheels.v_m_per_s * wheels.omega_rad_per_s;
+        return pair_for(s_, forward + i.dt_s * s_.dynamics.k5_m * square,
+                        turning / s_.geometry.track_m + i.dt_s * s_.dynamics.k6_per_m * product, i.dt_s);
     }
 
   private:
-    double slip(double torque_Nm, double radius_m) const {
-        const double load = model::WheelSlip::load_N(s_.geometry, s_.dynamics);
-        const double most = p_[0] * load;
-        return model::WheelSlip::slip_m_per_s(p_, load, std::clamp(torque_Nm / radius_m, -most, most));
-    }
-    Parameters<double> p_;
     Setting s_;
+    TyreSlip slip_;
+    bool first_ = true;
 };
 
 // p[3], which the catalogue does not have: how far the load lies ahead of where the robot's mass seems to be.
@@ -469,7 +480,7 @@ Grid grid_of<model::Backlash>(const Setting& s) {
     const double r = s.geometry.mean_radius_m();
     const double whole = s.effective_mass_kg() * r * r / 2;
     // How long the gap lasts is told by gap times inertia alone; the inertia is a usual one.
-    constexpr double kMotorsShare = 0.06;
+    constexpr double kMotorsShare = 0.75 * model::kRotationShare;
     Grid grid{{}, alone, as_it_is, roughly_one, {0.001, 0}};
     for (const double gap : {0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068, 0.096})
         grid.points.push_back({gap, kMotorsShare * whole});
@@ -495,13 +506,15 @@ Grid grid_of<model::BackEmfLimit>(const Setting& s) {
 template <>
 Grid grid_of<model::WheelSlip>(const Setting&) {
     // how much force is the limit does not show where none is reached
-    return {{{1, 0.05}},
+    return {{{1, 0.3}},
             alone,
             [](const Parameters<double>& at, const Eigen::VectorXd& a) {
                 return Parameters<double>{at[0], at[1] * a(0)};
             },
             [](const Eigen::VectorXd& a) { return a(0) > 0; },
-            {0, 0.005}};
+            {0, 0.005},
+            {0, 0, 0.01},
+            model::kRotationShareError};
 }
 template <>
 Grid grid_of<model::PayloadStep>(const Setting& s) {

@@ -45,10 +45,8 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
     // Two programs that integrate the same robot agree no better.
     constexpr double kIntegration = 0.002;
     // Gravity and the acceleration of what has an offset act on the mass, K7 tells of the mass with the
-    // wheels' rotation. What share that has is in no log of wheel speeds: solid wheels of a twelfth of
-    // the robot's mass, give or take.
-    constexpr double kBodysShare = 0.92;
-    constexpr double kBodysShareError = 0.04;
+    // wheels' rotation. A slope knows of it, the others' columns do not.
+    constexpr double kBodysShare = 1 - model::kRotationShare;
     // Not moved by the amounts: known as far as the points are apart.
     constexpr double kPointsApart = 0.1;
     // Headings that two programs add up from the same wheel speeds.
@@ -68,8 +66,8 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
         const bool with_mass =
             (name == "slope" || name == "cog_lateral" || name == "wheel_radius_mismatch") && j == 0;
         if (with_mass) {
-            scale = 1 / kBodysShare;
-            unsure = std::hypot(unsure, kBodysShareError / kBodysShare);
+            if (name != "slope") scale = 1 / kBodysShare;
+            unsure = std::hypot(unsure, model::kRotationShareError / kBodysShare);
         }
         if (way.kind == Way::Kind::grid && p.standard_error == 0 && name != "torque_ripple") {
             unsure = kPointsApart;

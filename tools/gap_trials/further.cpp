@@ -8,6 +8,7 @@
 #include <tuple>
 #include <utility>
 
+#include "firmware/model/dynamics.hpp"
 #include "tools/gap_trials/advised.hpp"
 #include "tools/gap_trials/hidden/oracle.hpp"
 
@@ -124,8 +125,10 @@ std::string true_model_toml(const Trial& trial) {
         effects += "\n[effects." + effect.name + "]\n";
         for (auto [name, value] : effect.parameters) {
             if (trial.plant == "ode") {
-                // where the catalogue takes the mass of K7, the wheels' rotation included, for the body's
-                if (name == "angle_rad") value = std::asin(std::sin(value) * robot.mass_kg / mass);
+                // where the catalogue takes the mass of K7, the wheels' rotation included, for the body's, or
+                // a usual share of it
+                if (name == "angle_rad")
+                    value = std::asin(std::sin(value) * robot.mass_kg / ((1 - model::kRotationShare) * mass));
                 if (name == "offset_m") {
                     inertia += robot.mass_kg * value * value;
                     value *= robot.mass_kg / mass;

@@ -39,10 +39,11 @@ sim::PlantParameters parameters_of(const hidden::Robot& robot, const hidden::Hid
             effects.parameter[index][j] = (*effect)[parameters[j].name];
         }
     }
-    // The catalogue lets gravity pull at all that the motors move, the wheels' rotation included (slope.hpp).
+    // The catalogue takes a usual share of what the motors move for the wheels' rotation (slope.hpp).
     constexpr std::size_t kSlope = model::find_effect("slope");
     double& angle_rad = effects.parameter[kSlope][0];
-    angle_rad = std::asin(std::sin(angle_rad) * robot.mass_kg / robot.effective_mass_kg());
+    angle_rad = std::asin(std::sin(angle_rad) * robot.mass_kg /
+                          ((1 - model::kRotationShare) * robot.effective_mass_kg()));
     // motors behind backlash are no part of what the arriving torque moves
     double wheel_inertia_kg_m2 = robot.wheel_inertia_kg_m2;
     if (const hidden::HiddenEffect* backlash = hidden.find("backlash"))

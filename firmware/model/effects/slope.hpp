@@ -12,8 +12,8 @@ namespace wheelwright::model {
 // Gravity on a tilted floor. With the downhill parts of gravity's acceleration along the fixed frame's axes,
 // (g_x, g_y) = -g sin(angle) (cos uphill, sin uphill), it pulls at the centre of gravity:
 //   F = m (g_x cos heading + g_y sin heading),  N = a m (g_y cos heading - g_x sin heading),
-// with m = 1 / (K7 r) and a m = K5 m: K7 holds no other mass, so the angle seems smaller by the share that
-// the wheels' rotation has in it. g_x and g_y are the coordinates.
+// where K7 and K5 tell of mass and moment: with m_eff = 1 / (K7 r), a m = K5 m_eff and, as gravity does not
+// pull at the wheels' rotation, m = (1 - kRotationShare) m_eff. g_x and g_y are the coordinates.
 struct Slope {
     static constexpr double kGravity_m_per_s2 = 9.80665;
     static constexpr std::array<EffectParameterInfo, 2> parameters{{
@@ -27,8 +27,9 @@ struct Slope {
     template <typename Real>
     static constexpr BodyForce<Real> column(unsigned k, const EffectContext<Real>& at) {
         const auto [sine, cosine] = sine_cosine(at.motion.heading_rad);
-        const Real mass = 1 / (at.dynamics.k7_per_kg_m * at.geometry.mean_radius_m());
-        const Real moment = at.dynamics.k5_m * mass;
+        const Real accelerated = 1 / (at.dynamics.k7_per_kg_m * at.geometry.mean_radius_m());
+        const Real mass = (1 - Real(kRotationShare)) * accelerated;
+        const Real moment = at.dynamics.k5_m * accelerated;
         return k == 0 ? BodyForce<Real>{mass * cosine, -moment * sine}
                       : BodyForce<Real>{mass * sine, moment * cosine};
     }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 
 #include "firmware/model/effect.hpp"
 
@@ -9,6 +10,9 @@ namespace wheelwright::model {
 // Tyres that creep over the floor as they push: slip = slip_speed * force / (mu load), the rim's speed less
 // the floor's, and never more force than mu load. The load of each wheel is half the robot's weight, with the
 // mass 1 / (K7 r) and no share for a castor.
+//
+// So each wheel has a motion of its own, I w' = torque - r force, with kRotationShare of the robot's mass in
+// both. Below the limit that makes slip go after the torque, as Settling says.
 struct WheelSlip {
     static constexpr double kGravity_m_per_s2 = 9.80665;
     static constexpr std::array<EffectParameterInfo, 2> parameters{{
@@ -38,6 +42,46 @@ struct WheelSlip {
         const Real most = p[0] * load_N;
         if (slip_m_per_s >= p[1]) return most;
         return slip_m_per_s <= -p[1] ? -most : most * slip_m_per_s / p[1];
+    }
+
+    // Two wheels that push alike, or against each other: with J = I / r^2 and R the share of rotation in what
+    // the motors accelerate (in M = 1 / (K7 r), or in the inertia that K8 tells),
+    //   J u' = torque / r - force,  slip = u - floor's speed = k force,  k = slip_speed / (mu load)
+    // give  T slip' = (1 - R) k torque / r - slip,  T = (1 - R) k J,  and the rims accelerate as without slip
+    // and by (1 - R) slip' more.
+    template <typename Real>
+    struct Settling {
+        Real slip_per_force{};  // of torque / r, settled
+        Real time_constant_s{};
+        Real bodys_share{};  // 1 - R
+
+        // How much of the way to the settled slip is gone after `time_s`.
+        Real share_of(Real time_s) const {
+            return time_constant_s > 0 ? -std::expm1(-time_s / time_constant_s) : Real(1);
+        }
+    };
+    template <typename Real>
+    static constexpr Settling<Real> forward(const Parameters<Real>& p, const Geometry<Real>& g,
+                                            const Dynamics<Real>& k,
+                                            Real rotation_share = Real(kRotationShare)) {
+        return settling(p, g, k, rotation_share, rotation_share);
+    }
+    template <typename Real>
+    static constexpr Settling<Real> turning(const Parameters<Real>& p, const Geometry<Real>& g,
+                                            const Dynamics<Real>& k,
+                                            Real rotation_share = Real(kRotationShare)) {
+        return settling(p, g, k, rotation_share,
+                        rotation_share * g.track_m * k.k8_per_kg_m2 / (2 * k.k7_per_kg_m));
+    }
+
+  private:
+    template <typename Real>
+    static constexpr Settling<Real> settling(const Parameters<Real>& p, const Geometry<Real>& g,
+                                             const Dynamics<Real>& k, Real of_mass, Real of_what_moves) {
+        const Real rim_kg = of_mass / (2 * k.k7_per_kg_m * g.mean_radius_m());
+        const Real bodys = 1 - of_what_moves;
+        const Real give = bodys * slip_m_per_s(p, load_N(g, k), Real(1));
+        return {give, give * rim_kg, bodys};
     }
 };
 

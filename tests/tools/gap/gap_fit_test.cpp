@@ -4,7 +4,9 @@
 #include <random>
 #include <vector>
 
+#include "sim_hal/plant.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
+#include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_refine.hpp"
 //
@@ -148,4 +150,29 @@ TEST(GapRefine, free_runs_bring_a_fit_that_is_off_back_to_the_truth) {
     DOUBLES_EQUAL(0.01, refined->rad_per_s, 0.003);
     DOUBLES_EQUAL(0.03, refined->fit.value(kAt), 0.002);
     CHECK(!gap::refine_by_free_run(refined->fit, pieces, 0.1, robot_of).has_value());
+}
+
+TEST(GapRefine, a_free_run_that_begins_midway_knows_what_the_tyres_slip) {
+    gap::SimulatedRobot robot;
+    robot.geometry = {{0.0743, 0.0743}, 0.327};
+    robot.dynamics = {0.04, model::coupled_k6(0.04, 1.31, 6.1, 0.327), 1.31, 6.1};
+    const std::size_t slip = model::find_effect("wheel_slip");
+    robot.effects.active[slip] = true;
+    robot.effects.parameter[slip] = {0.9, 1.1};
+    sim::Plant plant(sim::plant_from_dynamics(robot.geometry, robot.dynamics, robot.effects));
+    tools::MeasuredLog log;
+    log.period_s = 0.004;
+    for (int i = 0; i < 1000; ++i) {
+        const double t = i * log.period_s;
+        const WheelPair<double> torque{0.4 * std::sin(9 * t), 0.5 * std::sin(7 * t)};
+        log.samples.push_back({t, torque, plant.wheel_speed_rad_per_s()});
+        for (int step = 0; step < 8; ++step) plant.advance(log.period_s / 8, torque);
+    }
+    for (const std::size_t first : {0U, 3U, 500U}) {
+        const gap::Stretch stretch{&log, first, log.samples.size(), 0};
+        const double squares = gap::free_run(robot, stretch, log.samples[first].speed_rad_per_s);
+        const double rms = std::sqrt(squares / (2.0 * double(log.samples.size() - first)));
+        std::printf("  free run from sample %zu: %.1e rad/s\n", first, rms);
+        CHECK(rms < 0.002);
+    }
 }
