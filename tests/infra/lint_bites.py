@@ -8,6 +8,8 @@ import subprocess
 import sys
 import tempfile
 
+import lint
+
 # check that must object, code
 TIDY = [
     ("readability-identifier-naming", "int CamelFunction();"),
@@ -51,6 +53,10 @@ HEADERS = "#include <array>\n#include <cstdlib>\n#include <string>\n#include <ut
 
 def tidy(root, file, code):
     file.write_text(HEADERS + code + "\n")
+    return judge(root, file)
+
+
+def judge(root, file):
     command = ["clang-tidy-16", f"--config-file={root / '.clang-tidy'}", "--quiet", str(file), "--", "-std=c++20"]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
@@ -70,13 +76,23 @@ def main():
         if result.returncode != 0:
             problems.append(f"clean code is refused:\n{result.stdout}")
 
+        # Judged together, as lint.py does it: the file with the mistakes is found, and not its neighbours.
+        (pathlib.Path(folder) / "clean.cpp").write_text(HEADERS + CLEAN)
+        tidy(root, file, "\n".join(spaces))
+        for names in (["clean.cpp", "planted.cpp"], ["planted.cpp", "clean.cpp"]):
+            batch = lint.Batch(pathlib.Path(folder), pathlib.Path(folder) / "batch.cpp", None)
+            batch.write(names)
+            objected = batch.objected(judge(root, batch.file).stdout)
+            if objected != {"planted.cpp"}:
+                problems.append(f"of {names} judged together, those objected to are {sorted(objected)}")
+
         style = f"--style=file:{root / '.clang-format'}"
         file.write_text("int  f( int a ){return a;}\n")
         if subprocess.run(["clang-format-16", style, "--dry-run", "-Werror", file], capture_output=True, check=False).returncode == 0:
             problems.append("clang-format does not object to spaces in the wrong places")
     for problem in problems:
         print(problem)
-    print(f"{len(TIDY) + 1} planted mistakes looked for")
+    print(f"{len(TIDY) + 3} planted mistakes looked for")
     return 1 if problems else 0
 
 

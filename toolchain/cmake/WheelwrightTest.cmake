@@ -32,6 +32,9 @@ function(wheelwright_test)
     set(exe test_${ARG_NAME})
     add_executable(${exe} ${ARG_SOURCES} ${CMAKE_SOURCE_DIR}/tests/support/main.cpp)
     target_link_libraries(${exe} PRIVATE ${ARG_LIBS} wheelwright_options wheelwright_eigen wheelwright_cpputest)
+    # The libraries that are tested stay as optimised as they are. A test's own code, and the templates that it
+    # instantiates, cost more time to optimise than they take to run.
+    target_compile_options(${exe} PRIVATE $<$<CONFIG:Release>:-O1>)
     set_target_properties(${exe} PROPERTIES RUNTIME_OUTPUT_DIRECTORY ${CMAKE_BINARY_DIR}/tests)
     foreach(group ${ARG_GROUPS})
         add_test(NAME ${ARG_NAME}.${group} COMMAND ${exe} -sg ${group} -v)

@@ -1,5 +1,4 @@
 // `wheelwright check`: is this robot file good, and what follows from it?
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -9,6 +8,7 @@
 #include "firmware/task/robot_file.hpp"
 #include "tools/check/parameter_reference.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/report.hpp"
 
 namespace wheelwright::tools {
@@ -134,16 +134,17 @@ int check(const Options& options) {
 
 }  // namespace
 
-void add_check(CLI::App& program, Run& run) {
+void add_check(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand("check", "Check a robot file and print what follows from it");
-    command->footer(
+    const CommandLine command =
+        program.add_subcommand("check", "Check a robot file and print what follows from it");
+    command.footer(
         "Every problem is printed as file:line:column: key: what was found, what was expected.\n"
         "Exit status 0: the file is good (notes are not errors); 1: it is not.");
-    command->add_option("FILE", options->file, "Robot file (TOML)");
-    command->add_flag("--explain", options->explain, "Print the reference of all keys in Markdown");
-    command->add_option("--json", options->json, "Write the figures to this file too");
-    command->callback([options, &run] { run = [options] { return check(*options); }; });
+    command.add_option("FILE", options->file, "Robot file (TOML)");
+    command.add_flag("--explain", options->explain, "Print the reference of all keys in Markdown");
+    command.add_option("--json", options->json, "Write the figures to this file too");
+    command.callback([options, &run] { run = [options] { return check(*options); }; });
 }
 
 }  // namespace wheelwright::tools

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "firmware/model/dynamics.hpp"
-#include "tools/cli/number_checks.hpp"
+#include "tools/cli/command_line.hpp"
 
 namespace wheelwright::tools {
 
@@ -12,12 +12,12 @@ struct GeometryOptions {
     std::vector<double> wheel_radius_m;  // none, one, or left and right
     double track_m = 0;                  // 0: not given
 
-    void add_to(CLI::App& command) {
+    void add_to(const CommandLine& command) {
         command.add_option("--wheel-radius", wheel_radius_m, "Radius in metres; two numbers: left and right")
-            ->expected(1, 2)
-            ->check(greater_than_zero());
+            .values(1, 2)
+            .check(greater_than_zero());
         command.add_option("--track", track_m, "Distance between the wheels in metres")
-            ->check(greater_than_zero());
+            .check(greater_than_zero());
     }
 
     // Puts what was given into `geometry`. Without a robot file all must be given: else false.

@@ -1,5 +1,4 @@
 // `wheelwright ctl`: commands a robot by CAN, or prints the frames for cansend.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -10,8 +9,8 @@
 
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/message_text.hpp"
-#include "tools/cli/number_checks.hpp"
 #include "tools/cli/parameter_names.hpp"
 #include "tools/ctl/link.hpp"
 
@@ -203,20 +202,20 @@ int list_parameters() {
 
 using Shared = std::shared_ptr<Options>;
 
-CLI::App* subcommand(CLI::App* parent, const char* name, const char* text) {
-    CLI::App* command = parent->add_subcommand(name, text);
-    command->fallthrough();  // --can and the others may stand behind the subcommand too
-    command->footer(
+CommandLine subcommand(const CommandLine& parent, const char* name, const char* text) {
+    const CommandLine command = parent.add_subcommand(name, text);
+    command.fallthrough();  // --can and the others may stand behind the subcommand too
+    command.footer(
         "The options of `wheelwright ctl --help` (--can, --print, --for ...) may stand behind it.");
     return command;
 }
 
-void add_mode(CLI::App* ctl, const Shared& options, Run& run) {
+void add_mode(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto name = std::make_shared<std::string>();
-    CLI::App* command = subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it");
-    command->add_option("MODE", *name, "One of " + names_of(protocol::mode_values, 1, 8))->required();
-    command->footer("Exit status 3: refused, and why; or nobody answered.");
-    command->callback([=, &run] {
+    const CommandLine command = subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it");
+    command.add_option("MODE", *name, "One of " + names_of(protocol::mode_values, 1, 8)).required();
+    command.footer("Exit status 3: refused, and why; or nobody answered.");
+    command.callback([=, &run] {
         run = [=] {
             const auto mode = by_name(protocol::mode_values, *name);
             if (!mode.has_value() || *mode == protocol::Mode::boot || *mode == protocol::Mode::fault) {
@@ -228,40 +227,39 @@ void add_mode(CLI::App* ctl, const Shared& options, Run& run) {
     });
 }
 
-void add_torque(CLI::App* ctl, const Shared& options, Run& run) {
+void add_torque(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::TorqueCommand>();
-    CLI::App* command = subcommand(ctl, "torque", "Wheel torques for mode torque, repeated");
-    command->add_option("LEFT", message->left_torque_Nm, "Left wheel, Nm, positive drives forward")
-        ->required();
-    command->add_option("RIGHT", message->right_torque_Nm, "Right wheel, Nm")->required();
-    command->callback([=, &run] {
+    const CommandLine command = subcommand(ctl, "torque", "Wheel torques for mode torque, repeated");
+    command.add_option("LEFT", message->left_torque_Nm, "Left wheel, Nm, positive drives forward").required();
+    command.add_option("RIGHT", message->right_torque_Nm, "Right wheel, Nm").required();
+    command.callback([=, &run] {
         run = [=] { return send_commands(*options, {command_of(*message)}, protocol::Mode::torque, true); };
     });
 }
 
-void add_velocity(CLI::App* ctl, const Shared& options, Run& run) {
+void add_velocity(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::VelocityCommand>();
-    CLI::App* command = subcommand(ctl, "velocity", "Body velocity for mode velocity, repeated");
-    command->add_option("V", message->forward_speed_m_per_s, "Forward speed, m/s")->required();
-    command->add_option("W", message->yaw_rate_rad_per_s, "Yaw rate, rad/s, positive counter-clockwise")
-        ->required();
-    command->callback([=, &run] {
+    const CommandLine command = subcommand(ctl, "velocity", "Body velocity for mode velocity, repeated");
+    command.add_option("V", message->forward_speed_m_per_s, "Forward speed, m/s").required();
+    command.add_option("W", message->yaw_rate_rad_per_s, "Yaw rate, rad/s, positive counter-clockwise")
+        .required();
+    command.callback([=, &run] {
         run = [=] { return send_commands(*options, {command_of(*message)}, protocol::Mode::velocity, true); };
     });
 }
 
-void add_goal(CLI::App* ctl, const Shared& options, Run& run) {
+void add_goal(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::PoseGoal>();
     const auto direction = std::make_shared<std::string>("forward");
-    CLI::App* command = subcommand(ctl, "goal", "Pose to drive to in mode pose, repeated");
-    command->add_option("X", message->x_m, "m")->required();
-    command->add_option("Y", message->y_m, "m")->required();
-    command->add_option("HEADING", message->heading_rad, "rad, within -pi..pi")->required();
+    const CommandLine command = subcommand(ctl, "goal", "Pose to drive to in mode pose, repeated");
+    command.add_option("X", message->x_m, "m").required();
+    command.add_option("Y", message->y_m, "m").required();
+    command.add_option("HEADING", message->heading_rad, "rad, within -pi..pi").required();
     command
-        ->add_option("--direction", *direction,
-                     "Which end leads: " + names_of(protocol::pose_direction_values))
-        ->capture_default_str();
-    command->callback([=, &run] {
+        .add_option("--direction", *direction,
+                    "Which end leads: " + names_of(protocol::pose_direction_values))
+        .show_default();
+    command.callback([=, &run] {
         run = [=] {
             const auto chosen = by_name(protocol::pose_direction_values, *direction);
             if (!chosen.has_value()) {
@@ -274,7 +272,7 @@ void add_goal(CLI::App* ctl, const Shared& options, Run& run) {
     });
 }
 
-void add_trajectory(CLI::App* ctl, const Shared& options, Run& run) {
+void add_trajectory(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::TrajectoryCommand>();
     const auto shape = std::make_shared<std::string>();
     // The standard path of each shape is the robot file's figure-8.
@@ -282,14 +280,14 @@ void add_trajectory(CLI::App* ctl, const Shared& options, Run& run) {
     message->length_m = standard.trajectory.length_m;
     message->width_m = standard.trajectory.width_m;
     message->period_s = standard.trajectory.period_s;
-    CLI::App* command = subcommand(ctl, "trajectory", "Choose the path of modes trajectory and adaptive");
-    command->add_option("SHAPE", *shape, "One of " + names_of(protocol::trajectory_shape_values))->required();
-    command->add_option("--length", message->length_m, "Extent along x, or diameter of the circle, m")
-        ->capture_default_str();
-    command->add_option("--width", message->width_m, "Extent along y, m (figure_eight only)")
-        ->capture_default_str();
-    command->add_option("--period", message->period_s, "Time of one lap, s")->capture_default_str();
-    command->callback([=, &run] {
+    const CommandLine command =
+        subcommand(ctl, "trajectory", "Choose the path of modes trajectory and adaptive");
+    command.add_option("SHAPE", *shape, "One of " + names_of(protocol::trajectory_shape_values)).required();
+    command.add_option("--length", message->length_m, "Extent along x, or diameter of the circle, m")
+        .show_default();
+    command.add_option("--width", message->width_m, "Extent along y, m (figure_eight only)").show_default();
+    command.add_option("--period", message->period_s, "Time of one lap, s").show_default();
+    command.callback([=, &run] {
         run = [=] {
             const auto chosen = by_name(protocol::trajectory_shape_values, *shape);
             if (!chosen.has_value()) {
@@ -302,17 +300,17 @@ void add_trajectory(CLI::App* ctl, const Shared& options, Run& run) {
     });
 }
 
-void add_stream(CLI::App* ctl, const Shared& options, Run& run) {
+void add_stream(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto pose = std::make_shared<protocol::StreamedPose>();
     const auto velocity = std::make_shared<protocol::StreamedVelocity>();
-    CLI::App* command =
+    const CommandLine command =
         subcommand(ctl, "reference", "One streamed reference (pose and velocities), repeated");
-    command->add_option("X", pose->x_m, "m")->required();
-    command->add_option("Y", pose->y_m, "m")->required();
-    command->add_option("HEADING", pose->heading_rad, "rad, within -pi..pi")->required();
-    command->add_option("V", velocity->forward_speed_m_per_s, "m/s")->required();
-    command->add_option("W", velocity->yaw_rate_rad_per_s, "rad/s")->required();
-    command->callback([=, &run] {
+    command.add_option("X", pose->x_m, "m").required();
+    command.add_option("Y", pose->y_m, "m").required();
+    command.add_option("HEADING", pose->heading_rad, "rad, within -pi..pi").required();
+    command.add_option("V", velocity->forward_speed_m_per_s, "m/s").required();
+    command.add_option("W", velocity->yaw_rate_rad_per_s, "rad/s").required();
+    command.callback([=, &run] {
         run = [=] {
             return send_commands(*options, {command_of(*pose), command_of(*velocity)},
                                  protocol::Mode::trajectory, true);
@@ -320,30 +318,30 @@ void add_stream(CLI::App* ctl, const Shared& options, Run& run) {
     });
 }
 
-void add_pose(CLI::App* ctl, const Shared& options, Run& run) {
+void add_pose(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::ExternalPose>();
-    CLI::App* command = subcommand(ctl, "pose", "Tell the robot where it is (external pose)");
-    command->add_option("X", message->x_m, "m")->required();
-    command->add_option("Y", message->y_m, "m")->required();
-    command->add_option("HEADING", message->heading_rad, "rad, within -pi..pi")->required();
-    command->callback([=, &run] {
+    const CommandLine command = subcommand(ctl, "pose", "Tell the robot where it is (external pose)");
+    command.add_option("X", message->x_m, "m").required();
+    command.add_option("Y", message->y_m, "m").required();
+    command.add_option("HEADING", message->heading_rad, "rad, within -pi..pi").required();
+    command.callback([=, &run] {
         run = [=] { return send_commands(*options, {command_of(*message)}, std::nullopt, false); };
     });
 }
 
-void add_ident(CLI::App* ctl, const Shared& options, Run& run) {
+void add_ident(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::IdentSettings>();
     const auto bit_time_ms = std::make_shared<int>(0);
     const auto duration_s = std::make_shared<int>(0);
-    CLI::App* command = subcommand(ctl, "ident", "Settings of the next identification");
-    command->footer("A setting left out is the robot file's. Sent in idle; `ctl mode ident` starts it.");
-    command->add_option("--amplitude", message->amplitude_Nm, "Excitation torque, Nm");
-    command->add_option("--bit-time", *bit_time_ms, "Length of one bit, ms")->check(from_to("0", "255"));
-    command->add_option("--duration", *duration_s, "Longest time, s")->check(from_to("0", "255"));
-    command->add_option("--speed-limit", message->speed_limit_m_per_s, "m/s");
-    command->add_option("--yaw-rate-limit", message->yaw_rate_limit_rad_per_s, "rad/s");
-    command->add_option("--distance-limit", message->distance_limit_m, "From the start, m");
-    command->callback([=, &run] {
+    const CommandLine command = subcommand(ctl, "ident", "Settings of the next identification");
+    command.footer("A setting left out is the robot file's. Sent in idle; `ctl mode ident` starts it.");
+    command.add_option("--amplitude", message->amplitude_Nm, "Excitation torque, Nm");
+    command.add_option("--bit-time", *bit_time_ms, "Length of one bit, ms").check(from_to("0", "255"));
+    command.add_option("--duration", *duration_s, "Longest time, s").check(from_to("0", "255"));
+    command.add_option("--speed-limit", message->speed_limit_m_per_s, "m/s");
+    command.add_option("--yaw-rate-limit", message->yaw_rate_limit_rad_per_s, "rad/s");
+    command.add_option("--distance-limit", message->distance_limit_m, "From the start, m");
+    command.callback([=, &run] {
         run = [=] {
             message->bit_time_ms = static_cast<decltype(message->bit_time_ms)>(*bit_time_ms);
             message->duration_s = static_cast<decltype(message->duration_s)>(*duration_s);
@@ -352,9 +350,9 @@ void add_ident(CLI::App* ctl, const Shared& options, Run& run) {
     });
 }
 
-void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
-    CLI::App* stop = subcommand(ctl, "stop", "Emergency stop: no torque within two cycles");
-    stop->callback([=, &run] {
+void add_stop(const CommandLine& ctl, const Shared& options, Run& run) {
+    const CommandLine stop = subcommand(ctl, "stop", "Emergency stop: no torque within two cycles");
+    stop.callback([=, &run] {
         run = [=] {
             const std::vector<Command> commands{command_of(protocol::EmergencyStop{})};
             if (options->print) return print_frames(*options, commands);
@@ -365,8 +363,8 @@ void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
             return options->no_wait ? kDone : await_state(link, protocol::Mode::fault);
         };
     });
-    CLI::App* clear = subcommand(ctl, "clear", "Clear a latched fault, whose cause must be gone");
-    clear->callback([=, &run] {
+    const CommandLine clear = subcommand(ctl, "clear", "Clear a latched fault, whose cause must be gone");
+    clear.callback([=, &run] {
         run = [=] {
             const std::vector<Command> commands{command_of(protocol::ClearFault{})};
             if (options->print) return print_frames(*options, commands);
@@ -382,10 +380,10 @@ void add_stop(CLI::App* ctl, const Shared& options, Run& run) {
     });
 }
 
-void add_param(CLI::App* ctl, const Shared& options, Run& run) {
+void add_param(const CommandLine& ctl, const Shared& options, Run& run) {
     using protocol::ParameterOperation;
-    CLI::App* param = subcommand(ctl, "param", "Read and write the firmware's parameters");
-    param->require_subcommand(1);
+    const CommandLine param = subcommand(ctl, "param", "Read and write the firmware's parameters");
+    param.require_subcommand();
     const auto key = std::make_shared<std::string>();
     const auto value = std::make_shared<std::string>();
     const auto commit = std::make_shared<bool>(false);
@@ -396,20 +394,20 @@ void add_param(CLI::App* ctl, const Shared& options, Run& run) {
         }
         return found;
     };
-    CLI::App* get = subcommand(param, "get", "Print a parameter's value");
-    get->add_option("KEY", *key, "Key of the robot file, or index (0x0082)")->required();
-    get->callback([=, &run] {
+    const CommandLine get = subcommand(param, "get", "Print a parameter's value");
+    get.add_option("KEY", *key, "Key of the robot file, or index (0x0082)").required();
+    get.callback([=, &run] {
         run = [=] {
             const auto parameter = find();
             if (!parameter.has_value()) return kUsage;
             return run_parameter(*options, ParameterOperation::read, parameter, 0, false);
         };
     });
-    CLI::App* set = subcommand(param, "set", "Stage a new value; it counts from commit on");
-    set->add_option("KEY", *key, "Key of the robot file, or index (0x0082)")->required();
-    set->add_option("VALUE", *value, "Number, true or false, or a choice's name")->required();
-    set->add_flag("--commit", *commit, "Commit at once");
-    set->callback([=, &run] {
+    const CommandLine set = subcommand(param, "set", "Stage a new value; it counts from commit on");
+    set.add_option("KEY", *key, "Key of the robot file, or index (0x0082)").required();
+    set.add_option("VALUE", *value, "Number, true or false, or a choice's name").required();
+    set.add_flag("--commit", *commit, "Commit at once");
+    set.callback([=, &run] {
         run = [=] {
             const auto parameter = find();
             if (!parameter.has_value()) return kUsage;
@@ -426,40 +424,41 @@ void add_param(CLI::App* ctl, const Shared& options, Run& run) {
         };
     });
     const auto simple = [&](const char* name, const char* text, ParameterOperation operation) {
-        CLI::App* command = subcommand(param, name, text);
-        command->callback(
+        const CommandLine command = subcommand(param, name, text);
+        command.callback(
             [=, &run] { run = [=] { return run_parameter(*options, operation, std::nullopt, 0, false); }; });
     };
     simple("commit", "Make all staged values valid in one cycle", ParameterOperation::commit);
     simple("discard", "Forget the staged values", ParameterOperation::discard);
     simple("save", "Write the valid values into the robot file", ParameterOperation::save);
-    CLI::App* list = subcommand(param, "list", "List all parameters: index, key, unit, when it may change");
-    list->callback([&run] { run = [] { return list_parameters(); }; });
+    const CommandLine list =
+        subcommand(param, "list", "List all parameters: index, key, unit, when it may change");
+    list.callback([&run] { run = [] { return list_parameters(); }; });
 }
 
 }  // namespace
 
-void add_ctl(CLI::App& program, Run& run) {
+void add_ctl(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* ctl = program.add_subcommand("ctl", "Command a robot by CAN, or print the frames");
-    ctl->require_subcommand(1);
-    ctl->footer(
+    const CommandLine ctl = program.add_subcommand("ctl", "Command a robot by CAN, or print the frames");
+    ctl.require_subcommand();
+    ctl.footer(
         "Set-points (torque, velocity, goal, reference) are repeated until --for is over or Ctrl-C, as the\n"
         "robot stops when they cease; with --enter the matching mode is asked for first, and idle at the\n"
         "end, which comes early when the robot refuses or leaves the mode. Write negative numbers as -0.5, "
         "not -.5.\n"
         "Exit status 3: sent, but the robot did not do it, and why.");
-    ctl->add_option("--can", options->interface, "CAN interface")->capture_default_str();
-    ctl->add_flag("--print", options->print, "Print the cansend lines instead of sending");
-    ctl->add_option("--alive", options->alive,
-                    "Alive counter of the first frame (default: 0 printed, else chosen)")
-        ->check(from_to("0", "14"));
-    ctl->add_option("--rate", options->rate_Hz, "Repetitions a second (default: the message's cycle time)")
-        ->check(from_to("0.1", "1000"));
-    ctl->add_option("--for", options->for_s, "Seconds to repeat")->check(greater_than_zero());
-    ctl->add_flag("--enter", options->enter, "Ask for the command's mode too, and for idle at the end");
-    ctl->add_flag("--no-wait", options->no_wait,
-                  "Do not wait for the robot's answer to mode, stop, clear and --enter");
+    ctl.add_option("--can", options->interface, "CAN interface").show_default();
+    ctl.add_flag("--print", options->print, "Print the cansend lines instead of sending");
+    ctl.add_option("--alive", options->alive,
+                   "Alive counter of the first frame (default: 0 printed, else chosen)")
+        .check(from_to("0", "14"));
+    ctl.add_option("--rate", options->rate_Hz, "Repetitions a second (default: the message's cycle time)")
+        .check(from_to("0.1", "1000"));
+    ctl.add_option("--for", options->for_s, "Seconds to repeat").check(greater_than_zero());
+    ctl.add_flag("--enter", options->enter, "Ask for the command's mode too, and for idle at the end");
+    ctl.add_flag("--no-wait", options->no_wait,
+                 "Do not wait for the robot's answer to mode, stop, clear and --enter");
     add_mode(ctl, options, run);
     add_torque(ctl, options, run);
     add_velocity(ctl, options, run);

@@ -1,5 +1,4 @@
 // `wheelwright excite`: drives the motion that `wheelwright gap` has advised, through the firmware.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -7,6 +6,7 @@
 #include <stdexcept>
 
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ctl/link.hpp"
 #include "tools/gap/excitation.hpp"
@@ -148,29 +148,28 @@ int excite(const Options& options) {
 
 }  // namespace
 
-void add_excite(CLI::App& program, Run& run) {
+void add_excite(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command =
+    const CommandLine command =
         program.add_subcommand("excite", "Drive the motion that `gap` has advised, to tell rivals apart");
-    command->footer(
+    command.footer(
         "With --plant in virtual time, on a simulated robot; with --can on a robot, whose bus\n"
         "`wheelwright record` writes down meanwhile. Then give `wheelwright gap` both logs.\n"
         "Exit status 3: the robot left the motion, and why.");
-    command->add_option("--advice", options->advice, "gap.json of `wheelwright gap`")->required();
-    command->add_option("--which", options->which, "Number of the advice in it")->capture_default_str();
-    command->add_option("--robot", options->robot, "Robot file of the firmware: limits and model")
-        ->capture_default_str();
-    command->add_option("--rounds", options->rounds, "How often the motion is driven")
-        ->check(CLI::Range(1, 100))
-        ->capture_default_str();
-    command->add_option("--plant", options->plant, "Robot file of a simulated robot's truth");
-    command->add_option("--log", options->log, "With --plant: the bus, as candump -L writes it");
-    command->add_option("--seed", options->seed, "With --plant: seed of noise and phases")
-        ->capture_default_str();
-    command->add_option("--can", options->interface, "CAN interface of the robot");
-    command->add_flag("--yes", options->yes, "With --can: do not ask before driving");
-    command->add_option("--json", options->json, "Also write the figures to this file");
-    command->callback([options, &run] { run = [options] { return excite(*options); }; });
+    command.add_option("--advice", options->advice, "gap.json of `wheelwright gap`").required();
+    command.add_option("--which", options->which, "Number of the advice in it").show_default();
+    command.add_option("--robot", options->robot, "Robot file of the firmware: limits and model")
+        .show_default();
+    command.add_option("--rounds", options->rounds, "How often the motion is driven, 1 to 100")
+        .check(from_to("1", "100"))
+        .show_default();
+    command.add_option("--plant", options->plant, "Robot file of a simulated robot's truth");
+    command.add_option("--log", options->log, "With --plant: the bus, as candump -L writes it");
+    command.add_option("--seed", options->seed, "With --plant: seed of noise and phases").show_default();
+    command.add_option("--can", options->interface, "CAN interface of the robot");
+    command.add_flag("--yes", options->yes, "With --can: do not ask before driving");
+    command.add_option("--json", options->json, "Also write the figures to this file");
+    command.callback([options, &run] { run = [options] { return excite(*options); }; });
 }
 
 }  // namespace wheelwright::tools

@@ -1,5 +1,4 @@
 // `wheelwright gap`.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -11,6 +10,7 @@
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/robot_file_hints.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/gap/gap_output.hpp"
 #include "tools/gap/write_parameters.hpp"
@@ -148,39 +148,39 @@ int gap(const Options& options) {
 
 }  // namespace
 
-void add_gap(CLI::App& program, Run& run) {
+void add_gap(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand("gap",
-                                               "Find what the model lacks: where "
-                                               "simulation and measurement part, and why");
-    command->footer(
+    const CommandLine command = program.add_subcommand("gap",
+                                                       "Find what the model lacks: where "
+                                                       "simulation and measurement part, and why");
+    command.footer(
         "LOG is a candump -L log of the bus with the drives (then --model is needed), or a CSV with the "
         "columns\n"
         "t_s, tau_left_Nm, tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] at 20 Hz to 2 "
         "kHz.\n"
         "Several logs are one experiment. Without --heldout the last fifth of the last log is held out.\n"
         "Exit status 0: there is a verdict; 2: a log cannot be used.");
-    command->add_option("LOG", options->logs, "Logs")->required();
-    command->add_option("--model", options->model, "Robot file: geometry, K5..K8 and effects as believed");
-    options->geometry.add_to(*command);
+    command.add_option("LOG", options->logs, "Logs").required();
+    command.add_option("--model", options->model, "Robot file: geometry, K5..K8 and effects as believed");
+    options->geometry.add_to(command);
     command
-        ->add_option("--without", options->without,
-                     "Effects known not to be there, by name, with commas between: not looked for")
-        ->delimiter(',');
-    command->add_option("--heldout", options->heldout, "A log that is not learned from, but judged on");
-    command->add_option("--heldout-from", options->heldout_from_s,
-                        "The last log's part from this time on, in seconds");
-    command->add_option("--out", options->out, "Folder for gap.json, robot.extended.toml, report.html")
-        ->required();
-    command->add_flag("--close-loop", options->close_loop,
-                      "Also drive the figure-8 in the simulator, with what was believed before and after");
-    command->add_option(
+        .add_option("--without", options->without,
+                    "Effects known not to be there, by name, with commas between: not looked for")
+        .delimiter(',');
+    command.add_option("--heldout", options->heldout, "A log that is not learned from, but judged on");
+    command.add_option("--heldout-from", options->heldout_from_s,
+                       "The last log's part from this time on, in seconds");
+    command.add_option("--out", options->out, "Folder for gap.json, robot.extended.toml, report.html")
+        .required();
+    command.add_flag("--close-loop", options->close_loop,
+                     "Also drive the figure-8 in the simulator, with what was believed before and after");
+    command.add_option(
         "--plant", options->plant,
         "With --close-loop: robot file of the simulated robot's truth; else it is what was found");
-    command->add_option("--can", options->interface,
-                        "With --close-loop: then write what was found to the robot on this interface");
-    command->add_flag("--yes", options->yes, "With --can: do not ask before writing");
-    command->callback([options, &run] { run = [options] { return gap(*options); }; });
+    command.add_option("--can", options->interface,
+                       "With --close-loop: then write what was found to the robot on this interface");
+    command.add_flag("--yes", options->yes, "With --can: do not ask before writing");
+    command.callback([options, &run] { run = [options] { return gap(*options); }; });
 }
 
 }  // namespace wheelwright::tools

@@ -1,7 +1,6 @@
 // `wheelwright gap-trials`: the gap analysis judged blind, on robots whose hidden effects it cannot know.
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -17,8 +16,8 @@
 #include "firmware/task/write_file.hpp"
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
-#include "tools/cli/number_checks.hpp"
 #include "tools/gap_trials/campaign.hpp"
 #include "tools/gap_trials/stepwise_baseline.hpp"
 #include "tools/gap_trials/trials_report.hpp"
@@ -217,68 +216,66 @@ int run_command(const Options& options) {
 
 }  // namespace
 
-void add_gap_trials(CLI::App& program, Run& run) {
+void add_gap_trials(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command =
+    const CommandLine command =
         program.add_subcommand("gap-trials", "Judge the gap analysis blind, on hidden effects");
-    command->footer(
+    command.footer(
         "Draws robots with hidden effects, writes their logs, has each analysed by a process of its own that "
         "sees\n"
         "only the log (`wheelwright gap`), and compares the answers with what was hidden. The same seed "
         "draws the\n"
         "same trials. On several machines: --task I for each I below what --list prints, then --merge.\n"
         "Exit status 3: a measure is below its accept level, or an analysis gave no answer.");
-    command->add_option("--out", options->out, "Folder for logs, labels, results and report.html");
+    command.add_option("--out", options->out, "Folder for logs, labels, results and report.html");
     command
-        ->add_option("--plant", options->plant,
-                     "Which robots: ode, on the Open Dynamics Engine, own, our simulated robot, or both")
-        ->check(CLI::IsMember({"ode", "own", "both"}))
-        ->capture_default_str();
-    CLI::Option* sample = command->add_option("--sample", options->sample, "So many trials, drawn from all")
-                              ->check(from_to("1", "100000"))
-                              ->capture_default_str();
-    CLI::Option* campaign =
-        command->add_flag("--campaign", options->campaign, "All trials")->excludes(sample);
+        .add_option("--plant", options->plant,
+                    "Which robots: ode, on the Open Dynamics Engine, own, our simulated robot, or both")
+        .check(one_of({"ode", "own", "both"}))
+        .show_default();
+    const Option sample = command.add_option("--sample", options->sample, "So many trials, drawn from all")
+                              .check(from_to("1", "100000"))
+                              .show_default();
+    const Option campaign = command.add_flag("--campaign", options->campaign, "All trials").excludes(sample);
     command
-        ->add_flag("--every-effect", options->every_effect,
-                   "Each effect once, medium or strong, and a few of every other kind")
-        ->excludes(sample)
-        ->excludes(campaign);
-    command->add_option("--seed", options->seed, "Draws trials, robots, motions and noise")
-        ->capture_default_str();
-    command->add_option("--jobs", options->jobs, "Trials at a time; 0: as many as processors")
-        ->check(from_to("0", "1000"))
-        ->capture_default_str();
-    command->add_flag("--resume", options->resume, "Keep the results that --out holds already");
-    command->add_option("--task", options->task, "Only the trial of this number, from 0, and no report")
-        ->check(from_to("0", "1000000"));
-    command->add_flag("--merge", options->merge, "Run nothing: report on the results that --out holds");
-    command->add_flag("--list", options->list, "Run nothing: print the number of trials");
-    command->add_option("--analyser", options->analyser,
-                        "Program to call instead of this one, with the same words");
-    command->add_option("--time-limit", options->time_limit_s, "Longest analysis, seconds")
-        ->check(greater_than_zero())
-        ->capture_default_str();
+        .add_flag("--every-effect", options->every_effect,
+                  "Each effect once, medium or strong, and a few of every other kind")
+        .excludes(sample)
+        .excludes(campaign);
+    command.add_option("--seed", options->seed, "Draws trials, robots, motions and noise").show_default();
+    command.add_option("--jobs", options->jobs, "Trials at a time; 0: as many as processors")
+        .check(from_to("0", "1000"))
+        .show_default();
+    command.add_flag("--resume", options->resume, "Keep the results that --out holds already");
+    command.add_option("--task", options->task, "Only the trial of this number, from 0, and no report")
+        .check(from_to("0", "1000000"));
+    command.add_flag("--merge", options->merge, "Run nothing: report on the results that --out holds");
+    command.add_flag("--list", options->list, "Run nothing: print the number of trials");
+    command.add_option("--analyser", options->analyser,
+                       "Program to call instead of this one, with the same words");
+    command.add_option("--time-limit", options->time_limit_s, "Longest analysis, seconds")
+        .check(greater_than_zero())
+        .show_default();
     command
-        ->add_option("--duration", options->duration_s,
-                     "Length of the logs, seconds; without: 30, 45 or 60, drawn")
-        ->check(from_to("2", "3600"));
-    command->add_flag("--keep-logs", options->keep_logs, "Keep the logs after their analysis");
+        .add_option("--duration", options->duration_s,
+                    "Length of the logs, seconds; without: 30, 45 or 60, drawn")
+        .check(from_to("2", "3600"));
+    command.add_flag("--keep-logs", options->keep_logs, "Keep the logs after their analysis");
     command
-        ->add_option("--further", options->further,
-                     "Analyse every so many-th trial of each kind further (docs/gap-trials.md); 0: none")
-        ->check(from_to("0", "100000"))
-        ->capture_default_str();
-    command->add_flag("--no-stepwise", options->no_stepwise, "Leave the stepwise regression out");
+        .add_option("--further", options->further,
+                    "Analyse every so many-th trial of each kind further (docs/gap-trials.md); 0: none")
+        .check(from_to("0", "100000"))
+        .show_default();
+    command.add_flag("--no-stepwise", options->no_stepwise, "Leave the stepwise regression out");
     command
-        ->add_option("--pysindy", options->pysindy,
-                     "Source tree of PySINDy, whose weak form is given the same logs")
-        ->check(CLI::ExistingDirectory);
-    command->add_option("--stepwise-bic", options->stepwise_log,
-                        "Only answer this log by stepwise regression, into gap.json in --out");
-    options->geometry.add_to(*command);
-    command->add_option("--json", options->json, "Write the figures to this file");
-    command->callback([options, &run] {
+        .add_option("--pysindy", options->pysindy,
+                    "Source tree of PySINDy, whose weak form is given the same logs")
+        .check(existing_folder());
+    command.add_option("--stepwise-bic", options->stepwise_log,
+                       "Only answer this log by stepwise regression, into gap.json in --out");
+    options->geometry.add_to(command);
+    command.add_option("--json", options->json, "Write the figures to this file");
+    command.callback([options, &run] {
         if (options->jobs == 0) options->jobs = std::max(1U, std::thread::hardware_concurrency());
         run = [options] { return run_command(*options); };
     });

@@ -1,5 +1,4 @@
 // `wheelwright ident`: K5..K8 and the effects' parameters from logs.
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -8,8 +7,8 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
-#include "tools/cli/number_checks.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ident/findings.hpp"
 
@@ -60,7 +59,7 @@ std::string choose_effects(const Options& options, IdentSetup& setup) {
         const std::size_t i = model::find_effect(name);
         if (i == model::kEffectCount) {
             std::string message = "no effect is called " + name + "; there are:";
-            for (const model::EffectInfo& info : model::kEffects) message += " " + std::string(info.name);
+            for (const model::EffectInfo& info : model::kEffects) message.append(" ").append(info.name);
             return message;
         }
         setup.effects[i] = true;
@@ -289,10 +288,10 @@ int ident(const Options& options) {
 
 }  // namespace
 
-void add_ident(CLI::App& program, Run& run) {
+void add_ident(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand("ident", "Identify K5..K8 and friction from logs");
-    command->footer(
+    const CommandLine command = program.add_subcommand("ident", "Identify K5..K8 and friction from logs");
+    command.footer(
         "LOG is a candump -L log of the bus with the drives, or a CSV with the columns t_s, tau_left_Nm,\n"
         "tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] at 20 Hz to 2 kHz. Several logs "
         "are one\n"
@@ -300,22 +299,22 @@ void add_ident(CLI::App& program, Run& run) {
         "Exit status 0: K7 and K8 are known well enough; 2: a log cannot be used; 3: they are not known, or "
         "not\n"
         "well enough.");
-    command->add_option("LOG", options->logs, "Logs, all of one form")->required();
-    command->add_option("--model", options->model, "Robot file: geometry, drives, effects");
-    options->geometry.add_to(*command);
+    command.add_option("LOG", options->logs, "Logs, all of one form").required();
+    command.add_option("--model", options->model, "Robot file: geometry, drives, effects");
+    options->geometry.add_to(command);
     command
-        ->add_option("--effects", options->effects,
-                     "Effects to look for, by name, with commas; none (default: the robot file's)")
-        ->delimiter(',');
+        .add_option("--effects", options->effects,
+                    "Effects to look for, by name, with commas; none (default: the robot file's)")
+        .delimiter(',');
     command
-        ->add_option(
+        .add_option(
             "--relative-standard-error", options->relative_standard_error,
             "Standard error over value at which K7 and K8 are good enough (default: the robot file's)")
-        ->check(greater_than_zero());
-    command->add_option("--json", options->json, "Write the figures to this file too");
-    command->add_option("--write", options->write,
-                        "Write what is known into this robot file, with log and date");
-    command->callback([options, &run] { run = [options] { return ident(*options); }; });
+        .check(greater_than_zero());
+    command.add_option("--json", options->json, "Write the figures to this file too");
+    command.add_option("--write", options->write,
+                       "Write what is known into this robot file, with log and date");
+    command.callback([options, &run] { run = [options] { return ident(*options); }; });
 }
 
 }  // namespace wheelwright::tools

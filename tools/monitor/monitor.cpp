@@ -1,7 +1,6 @@
 // `wheelwright monitor`: what a robot says, live from a bus or from a log.
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <cerrno>
 #include <cstdio>
 #include <cstring>
@@ -11,8 +10,8 @@
 
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/message_text.hpp"
-#include "tools/cli/number_checks.hpp"
 #include "tools/logs/candump.hpp"
 #include "tools/monitor/robot_view.hpp"
 
@@ -143,25 +142,26 @@ int watch_bus(const Options& options) {
 
 }  // namespace
 
-void add_monitor(CLI::App& program, Run& run) {
+void add_monitor(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand("monitor", "Show what a robot says, live or from a log");
-    command->footer(
+    const CommandLine command =
+        program.add_subcommand("monitor", "Show what a robot says, live or from a log");
+    command.footer(
         "On a terminal: a screen that is renewed ten times a second; otherwise a line when the state "
         "changes\n"
         "and each --every seconds. With --log a summary follows.\n"
         "Exit status 2: the log has bad lines or nothing of ours; 3: no firmware was heard.");
-    auto* can = command->add_option("--can", options->interface, "CAN interface")->capture_default_str();
-    command->add_option("--log", options->log, "Read a candump -L log instead, - for standard input")
-        ->excludes(can);
-    command->add_flag("--all", options->all, "Print every message of ours, decoded");
-    command->add_option("--every", options->every_s, "Seconds between lines")
-        ->check(greater_than_zero())
-        ->capture_default_str();
-    command->add_option("--for", options->for_s, "Seconds to watch (default: until Ctrl-C)")
-        ->check(greater_than_zero());
-    command->add_option("--json", options->json, "Write the summary to this file too");
-    command->callback([options, &run] {
+    const Option can = command.add_option("--can", options->interface, "CAN interface").show_default();
+    command.add_option("--log", options->log, "Read a candump -L log instead, - for standard input")
+        .excludes(can);
+    command.add_flag("--all", options->all, "Print every message of ours, decoded");
+    command.add_option("--every", options->every_s, "Seconds between lines")
+        .check(greater_than_zero())
+        .show_default();
+    command.add_option("--for", options->for_s, "Seconds to watch (default: until Ctrl-C)")
+        .check(greater_than_zero());
+    command.add_option("--json", options->json, "Write the summary to this file too");
+    command.callback([options, &run] {
         run = [options] { return options->log.empty() ? watch_bus(*options) : watch_log(*options); };
     });
 }

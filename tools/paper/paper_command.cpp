@@ -1,5 +1,4 @@
 // wheelwright paper: the paper's results run again, as a page.
-#include <CLI/CLI.hpp>
 #include <cstdint>
 #include <cstdio>
 #include <filesystem>
@@ -7,6 +6,7 @@
 #include <string>
 
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/paper/paper_page.hpp"
 #include "tools/paper/reproduction.hpp"
 
@@ -41,15 +41,15 @@ int run_paper(const Options& options) {
 
 }  // namespace
 
-void add_paper(CLI::App& program, Run& run) {
+void add_paper(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand(
+    const CommandLine command = program.add_subcommand(
         "paper", "Run the source paper's results again and write them as a page, ours beside the paper's.");
-    command->add_option("--out", options->out, "Folder for index.html; made where needed")->required();
-    command->add_option("--json", options->json, "Write the figures to this file");
-    command->add_flag("--quick", options->quick, "Fewer seeds and goals, for a look");
-    command->add_option("--seed", options->seed, "Seed of all that is random")->capture_default_str();
-    command->callback([options, &run] { run = [options] { return run_paper(*options); }; });
+    command.add_option("--out", options->out, "Folder for index.html; made where needed").required();
+    command.add_option("--json", options->json, "Write the figures to this file");
+    command.add_flag("--quick", options->quick, "Fewer seeds and goals, for a look");
+    command.add_option("--seed", options->seed, "Seed of all that is random").show_default();
+    command.callback([options, &run] { run = [options] { return run_paper(*options); }; });
 }
 
 }  // namespace wheelwright::tools

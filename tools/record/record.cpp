@@ -1,12 +1,11 @@
 // `wheelwright record`: what was on the bus, as candump -L writes it, with the kernel's times.
-#include <CLI/CLI.hpp>
 #include <cstdio>
 #include <cstring>
 #include <memory>
 
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
-#include "tools/cli/number_checks.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {
@@ -84,17 +83,17 @@ int record(const Options& options) {
 
 }  // namespace
 
-void add_record(CLI::App& program, Run& run) {
+void add_record(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand("record", "Record a bus into a log");
-    command->footer(
+    const CommandLine command = program.add_subcommand("record", "Record a bus into a log");
+    command.footer(
         "Writes candump -L lines with the kernel's receive times until Ctrl-C or --for. An existing file is\n"
         "not overwritten. Exit status 3: frames were lost on the way.");
-    command->add_option("--can", options->interface, "CAN interface")->capture_default_str();
-    command->add_option("--out", options->out, "File to write, - for standard output")->required();
-    command->add_option("--for", options->for_s, "Seconds to record (default: until Ctrl-C)")
-        ->check(greater_than_zero());
-    command->callback([options, &run] { run = [options] { return record(*options); }; });
+    command.add_option("--can", options->interface, "CAN interface").show_default();
+    command.add_option("--out", options->out, "File to write, - for standard output").required();
+    command.add_option("--for", options->for_s, "Seconds to record (default: until Ctrl-C)")
+        .check(greater_than_zero());
+    command.callback([options, &run] { run = [options] { return record(*options); }; });
 }
 
 }  // namespace wheelwright::tools

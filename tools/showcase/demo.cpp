@@ -2,7 +2,6 @@
 // not know. Prints progress, then a table, and leaves a page with the plots.
 #include <unistd.h>
 
-#include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -13,6 +12,7 @@
 
 #include "hal/linux/realtime.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/showcase/demo_page.hpp"
 #include "tools/showcase/hidden_effect.hpp"
@@ -195,27 +195,26 @@ int demo(const Options& options) {
 
 }  // namespace
 
-void add_demo(CLI::App& program, Run& run) {
+void add_demo(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command = program.add_subcommand(
+    const CommandLine command = program.add_subcommand(
         "demo", "Identify, tune, drive and adapt a simulated robot, find what its model lacks, and report");
-    command->footer(
+    command.footer(
         "Virtual time unless --can names an interface. Same seed, same figures. Exit status 3: an aim was "
         "missed.");
-    command->add_option("--can", options->interface, "Run in real time on this CAN interface");
-    command->add_option("--robot", options->robot, "Robot file of the firmware")->capture_default_str();
-    command->add_option("--plant", options->plant, "Robot file of the simulated robot's truth")
-        ->capture_default_str();
-    command->add_option("--seed", options->seed, "Seed of noise and phases")->capture_default_str();
-    command->add_option("--out", options->out, "Folder of the report")->capture_default_str();
+    command.add_option("--can", options->interface, "Run in real time on this CAN interface");
+    command.add_option("--robot", options->robot, "Robot file of the firmware").show_default();
+    command.add_option("--plant", options->plant, "Robot file of the simulated robot's truth").show_default();
+    command.add_option("--seed", options->seed, "Seed of noise and phases").show_default();
+    command.add_option("--out", options->out, "Folder of the report").show_default();
     command
-        ->add_option("--rest", options->rest_us,
-                     "With --can: microseconds between two looks of the robot at the bus; more of them spare "
-                     "a slow machine")
-        ->check(CLI::Range(0, 10'000))
-        ->capture_default_str();
-    command->add_option("--json", options->json, "Also write the figures to this file");
-    command->callback([options, &run] { run = [options] { return demo(*options); }; });
+        .add_option("--rest", options->rest_us,
+                    "With --can: microseconds between two looks of the robot at the bus; more of them spare "
+                    "a slow machine")
+        .check(from_to("0", "10000"))
+        .show_default();
+    command.add_option("--json", options->json, "Also write the figures to this file");
+    command.callback([options, &run] { run = [options] { return demo(*options); }; });
 }
 
 }  // namespace wheelwright::tools

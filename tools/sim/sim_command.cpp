@@ -1,5 +1,4 @@
 // `wheelwright sim`: firmware and robot in virtual time, or the robot alone in real time on an interface.
-#include <CLI/CLI.hpp>
 #include <array>
 #include <charconv>
 #include <chrono>
@@ -14,7 +13,7 @@
 #include "hal/linux/socketcan_bus.hpp"
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
-#include "tools/cli/number_checks.hpp"
+#include "tools/cli/command_line.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/sim/experiments.hpp"
 
@@ -336,38 +335,38 @@ int run_robot(const Options& options) {
 
 }  // namespace
 
-void add_sim(CLI::App& program, Run& run) {
+void add_sim(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    CLI::App* command =
+    const CommandLine command =
         program.add_subcommand("sim", "Run firmware and a simulated robot, or the robot alone");
-    command->footer(
+    command.footer(
         usage_of_actions() +
         "Without actions: ident, then figure-eight. Virtual time; the same seed gives the same bytes.\n"
         "With --can: the simulated robot alone, in real time on that interface, until Ctrl-C.");
-    command->add_option("actions", options->actions, "What to do (see below)");
-    command->add_option("--robot", options->robot, "Robot file of the firmware")->capture_default_str();
-    command->add_option("--plant", options->plant, "Robot file with the simulated robot's truth")
-        ->capture_default_str();
-    command->add_option("--seed", options->seed, "Seed of noise and phases")->capture_default_str();
-    command->add_option("--duration", options->duration_s, "Seconds to run (default: until all is done)")
-        ->check(greater_than_zero());
-    command->add_option("--log", options->log, "Write the bus as candump -L");
-    CLI::Option* can =
-        command->add_option("--can", options->interface, "Play the robot on this interface, in real time");
-    command->add_flag("--external-poses", options->external_poses,
-                      "With --can: also send the poses that an outside sensor would measure");
+    command.add_option("actions", options->actions, "What to do (see below)");
+    command.add_option("--robot", options->robot, "Robot file of the firmware").show_default();
+    command.add_option("--plant", options->plant, "Robot file with the simulated robot's truth")
+        .show_default();
+    command.add_option("--seed", options->seed, "Seed of noise and phases").show_default();
+    command.add_option("--duration", options->duration_s, "Seconds to run (default: until all is done)")
+        .check(greater_than_zero());
+    command.add_option("--log", options->log, "Write the bus as candump -L");
+    const Option can =
+        command.add_option("--can", options->interface, "Play the robot on this interface, in real time");
+    command.add_flag("--external-poses", options->external_poses,
+                     "With --can: also send the poses that an outside sensor would measure");
     command
-        ->add_option("--trace", options->trace,
-                     "With --can: write the robot's true motion, each 10 ms, as CSV with candump's time")
-        ->needs(can);
+        .add_option("--trace", options->trace,
+                    "With --can: write the robot's true motion, each 10 ms, as CSV with candump's time")
+        .needs(can);
     command
-        ->add_option("--rest", options->rest_us,
-                     "With --can: microseconds to sleep at least between two looks at the bus; more of them "
-                     "spare a slow machine, and frames leave up to so much later")
-        ->check(from_to("0", "10000"))
-        ->capture_default_str();
-    command->add_option("--json", options->json, "Also write the figures to this file");
-    command->callback([options, &run] {
+        .add_option("--rest", options->rest_us,
+                    "With --can: microseconds to sleep at least between two looks at the bus; more of them "
+                    "spare a slow machine, and frames leave up to so much later")
+        .check(from_to("0", "10000"))
+        .show_default();
+    command.add_option("--json", options->json, "Also write the figures to this file");
+    command.callback([options, &run] {
         run = [options] { return options->interface.empty() ? run_virtual(*options) : run_robot(*options); };
     });
 }

@@ -133,7 +133,7 @@ TEST_GROUP(MeasuredLogs){};
 TEST(MeasuredLogs, EveryRateTellsTheSameRobot) {
     const Truth t;
     for (const double rate : {20.0, 50.0, 200.0, 1000.0, 2000.0}) {
-        if (rate > 200 && !test::all_seeds()) break;
+        if (rate > 50 && !test::all_seeds()) break;
         LogOptions o;
         o.rate_Hz = rate;
         o.duration_s = rate > 500 ? 10 : 60;
