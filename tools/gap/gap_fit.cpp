@@ -229,6 +229,14 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     if (!shape.turning) prior(kK5) = kOut;  // a yaw rate that is noise alone tells nothing of it
     Eigen::VectorXd centre = Eigen::VectorXd::Zero(size);
     Eigen::MatrixXd normal;
+    const auto missed = [&](const Eigen::VectorXd& at) {
+        const Coefficients c = coefficients(used, at, false);
+        double total = prior.dot((at - centre).cwiseAbs2());
+        for (std::size_t e = 0; e < equations; ++e) total += square_of(sum[e], c.value[e]);
+        return total;
+    };
+    constexpr int kHalvings = 12;
+    constexpr double kRounding = 1e-9;
     for (int iteration = 0; iteration < kIterations; ++iteration) {
         const Coefficients c = coefficients(used, p, true);
         normal = prior.asDiagonal();
@@ -238,7 +246,15 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
             normal += c.slope[e].transpose() * weighted;
             gradient -= weighted.transpose() * c.value[e];
         }
-        p += normal.ldlt().solve(gradient);
+        // K8 times a bias tells neither where no torque turns the robot: a whole step may lead away.
+        const Eigen::VectorXd from = p;
+        const double before = missed(from);
+        Eigen::VectorXd step = normal.ldlt().solve(gradient);
+        p += step;
+        for (int half = 0; half < kHalvings && !(missed(p) <= before * (1 + kRounding)); ++half) {
+            step /= 2;
+            p = from + step;
+        }
         for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
             const Eigen::Index at = kFirstAmount + Eigen::Index(i);
             if (shape.amounts[i].columns.front() != Dictionary::kTiming || std::abs(p(at)) <= timing_range)
