@@ -566,9 +566,9 @@ class Analysis {
     void look_at_what_is_left() {
         Search& s = findings_.search;
         Points points;
+        const model::EffectSet<double> named = effects_of(s.members, s.after, dictionary_->setting());
         for (const Way& way : s.members) {
-            const auto found = s.points.find(way.effect);
-            if (found != s.points.end()) points.insert(*found);
+            if (s.points.contains(way.effect)) points[way.effect] = named.parameter[way.effect];
         }
         for (const auto& [effect, parameters] : given_) points[effect] = parameters;
         const Dictionary dictionary(setting_for(dynamics_found()), points, false, true);

@@ -397,6 +397,8 @@ struct Grid {
     std::function<std::vector<Parameters<double>>(const Parameters<double>&)> closer = {};
     // At a focus: still this effect, and not the special case of it that another one is.
     std::function<bool(const Parameters<double>&)> itself = [](const Parameters<double>&) { return true; };
+    // The parameter whose 0 is a case by itself: no slope is taken there.
+    std::size_t apart_at_zero = model::kMaxEffectParameters;
 };
 
 Parameters<double> as_it_is(const Parameters<double>& at, const Eigen::VectorXd&) { return at; }
@@ -556,13 +558,15 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
 }
 template <>
 Grid grid_of<model::GainDrift>(const Setting& s) {
-    return {{{0.1, 0}, {0.1, 0.15 * s.span_s}, {0.1, 0.4 * s.span_s}},
-            alone,
-            [](const Parameters<double>& at, const Eigen::VectorXd& a) {
-                return Parameters<double>{at[0] * a(0), at[1]};
-            },
-            [](const Eigen::VectorXd& a) { return a(0) > 0 && a(0) < 9; },
-            {0.01, 0.02 * s.span_s}};
+    Grid grid{{{0.1, 0}, {0.1, 0.15 * s.span_s}, {0.1, 0.4 * s.span_s}},
+              alone,
+              [](const Parameters<double>& at, const Eigen::VectorXd& a) {
+                  return Parameters<double>{at[0] * a(0), at[1]};
+              },
+              [](const Eigen::VectorXd& a) { return a(0) > 0 && a(0) < 9; },
+              {0.01, 0.02 * s.span_s}};
+    grid.apart_at_zero = 1;
+    return grid;
 }
 template <>
 Grid grid_of<model::TorqueRipple>(const Setting& s) {
@@ -834,7 +838,7 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
     const std::size_t here = term(effect, at);
     way.fixed.push_back(add(effect, {here}));
     for (std::size_t j = 0; j < info.size(); ++j) {
-        if (grid.step[j] == 0) continue;
+        if (grid.step[j] == 0 || (j == grid.apart_at_zero && at[j] == 0)) continue;
         Parameters<double> up = at;
         Parameters<double> down = at;
         up[j] = std::min(info[j].maximum, at[j] + grid.step[j]);

@@ -9,7 +9,7 @@ namespace wheelwright::gap {
 namespace {
 
 constexpr Eigen::Index kK5 = 0, kK6 = 1, kK7 = 2, kK8 = 3, kFirstAmount = 4;
-constexpr int kIterations = 6;
+constexpr int kIterations = 8;
 constexpr double kOut = 1e20;
 
 Eigen::Index width(const Blocks& blocks) {
@@ -144,7 +144,9 @@ void start(const Products& sum, const Used& used, const ModelShape& shape, Eigen
         }
         Eigen::MatrixXd normal = pick.transpose() * sum[e] * pick;
         const Eigen::VectorXd own = normal.diagonal();
-        for (Eigen::Index i = 0; i < own.size(); ++i) normal(i, i) += 1e-7 * own(i) + 1e-12;
+        // what the torque itself tells is not put into an amount: each equation would share it out
+        // differently
+        for (Eigen::Index i = 0; i < own.size(); ++i) normal(i, i) += (i < 2 ? 1e-7 : 1e-3) * own(i) + 1e-12;
         const Eigen::VectorXd c = normal.ldlt().solve(pick.transpose() * sum[e].col(used.y));
         p(e == kLinear ? kK5 : kK6) = c(0);
         p(e == kLinear ? kK7 : kK8) = c(1);
@@ -235,34 +237,53 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
         for (std::size_t e = 0; e < equations; ++e) total += square_of(sum[e], c.value[e]);
         return total;
     };
+    constexpr double kSettled = 1e-6;  // of a variance of the noise
+    // K8 times a bias tells neither where no torque turns the robot: whole steps may lead away for good, and
+    // so do halved ones get there slowly. So whole ones first.
+    const auto iterate = [&](int halvings) {
+        Eigen::VectorXd best = p;
+        double least = missed(p);
+        for (int iteration = 0; iteration < kIterations; ++iteration) {
+            const Coefficients c = coefficients(used, p, true);
+            normal = prior.asDiagonal();
+            Eigen::VectorXd gradient = prior.cwiseProduct(centre - p);
+            for (std::size_t e = 0; e < equations; ++e) {
+                const Eigen::MatrixXd weighted = sum[e] * c.slope[e];
+                normal += c.slope[e].transpose() * weighted;
+                gradient -= weighted.transpose() * c.value[e];
+            }
+            const double before = missed(p);
+            Eigen::VectorXd step = normal.ldlt().solve(gradient);
+            const Eigen::VectorXd from = p;
+            p += step;
+            double after = missed(p);
+            for (int half = 0; half < halvings && !(after <= before); ++half) {
+                step /= 2;
+                p = from + step;
+                after = missed(p);
+            }
+            bool held = false;
+            for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
+                const Eigen::Index at = kFirstAmount + Eigen::Index(i);
+                if (shape.amounts[i].columns.front() != Dictionary::kTiming ||
+                    std::abs(p(at)) <= timing_range)
+                    continue;
+                centre(at) = p(at) = std::copysign(timing_range, p(at));
+                held = held || prior(at) != kOut;
+                prior(at) = kOut;
+            }
+            if (held) least = after = missed(p);
+            if (held || after < least) {
+                least = after;
+                best = p;
+            }
+            if (!held && std::abs(before - after) < kSettled * (1 + kSettled * before)) return true;
+        }
+        p = best;
+        return false;
+    };
     constexpr int kHalvings = 12;
-    constexpr double kRounding = 1e-9;
-    for (int iteration = 0; iteration < kIterations; ++iteration) {
-        const Coefficients c = coefficients(used, p, true);
-        normal = prior.asDiagonal();
-        Eigen::VectorXd gradient = prior.cwiseProduct(centre - p);
-        for (std::size_t e = 0; e < equations; ++e) {
-            const Eigen::MatrixXd weighted = sum[e] * c.slope[e];
-            normal += c.slope[e].transpose() * weighted;
-            gradient -= weighted.transpose() * c.value[e];
-        }
-        // K8 times a bias tells neither where no torque turns the robot: a whole step may lead away.
-        const Eigen::VectorXd from = p;
-        const double before = missed(from);
-        Eigen::VectorXd step = normal.ldlt().solve(gradient);
-        p += step;
-        for (int half = 0; half < kHalvings && !(missed(p) <= before * (1 + kRounding)); ++half) {
-            step /= 2;
-            p = from + step;
-        }
-        for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
-            const Eigen::Index at = kFirstAmount + Eigen::Index(i);
-            if (shape.amounts[i].columns.front() != Dictionary::kTiming || std::abs(p(at)) <= timing_range)
-                continue;
-            centre(at) = p(at) = std::copysign(timing_range, p(at));
-            prior(at) = kOut;
-        }
-    }
+    if (!iterate(0)) iterate(kHalvings);
     result.squares = squares(blocks, result);
     result.rows = row_count(blocks, shape);
     if (spread == Spread::left_out) return result;
