@@ -8,6 +8,7 @@
 
 #include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_places.hpp"
+#include "tools/gap/gap_points.hpp"
 #include "tools/gap/gap_refine.hpp"
 #include "tools/gap/motions.hpp"
 #include "tools/ident/drive_samples.hpp"

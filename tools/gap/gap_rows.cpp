@@ -173,7 +173,10 @@ class Maker {
         angle_.right += dt * mean.right;
         return interval;
     }
-    void pass(const LogPart& part, std::size_t i) { walker_->step(next(part, i), true); }
+    void pass(const LogPart& part, std::size_t i) {
+        walker_->step(next(part, i), true);
+        walker_->skip();
+    }
 
     // Short intervals are put together: the equation of their sum is as exact.
     void block(const LogPart& part, std::size_t begin, std::size_t end) {

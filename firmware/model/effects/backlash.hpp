@@ -38,7 +38,7 @@ struct Backlash {
         Real wheel_angle_rad{};  // where the wheel was expected at the end of the last step
         int side = 0;            // of contact: 1 the motor drives the wheel forward, -1 back, 0 free
         bool begun = false;
-        Real gathered_Nms{};  // by the motor since it lost contact
+        Real gathered_Nm_s{};  // by the motor since it lost contact
     };
 
     template <typename Real>
@@ -122,7 +122,7 @@ struct Backlash {
             }
             m.ahead_rad += meets_s * (relative + acceleration * meets_s / 2);
             m.speed_rad_per_s += acceleration * meets_s;
-            m.gathered_Nms += at.torque_Nm * meets_s;
+            m.gathered_Nm_s += at.torque_Nm * meets_s;
             rest_s -= meets_s;
             if (side == 0) break;
             m.side = side;
@@ -137,8 +137,8 @@ struct Backlash {
     static constexpr void touch(Memory<Real>& m, Real gap, Real inertia, Real wheel, Impulse<Real>& impulse) {
         const auto side = static_cast<Real>(m.side);
         m.ahead_rad = side * gap;
-        impulse.as_whole += m.gathered_Nms;
-        m.gathered_Nms = 0;
+        impulse.as_whole += m.gathered_Nm_s;
+        m.gathered_Nm_s = 0;
         if (side * (m.speed_rad_per_s - wheel) <= 0) return;
         impulse.arrives += inertia * (m.speed_rad_per_s - wheel);
         m.speed_rad_per_s = wheel;
