@@ -88,5 +88,10 @@ TEST(HiddenOracle, TheListHasEveryCellOnceAndNamesThatTellNothing) {
     std::set<std::string> kinds;
     for (const ListedTrial& t : sample) kinds.insert(std::string(name_of(t.plan.kind)));
     LONGS_EQUAL(5, kinds.size());
+    // nearly all: none twice
+    std::set<std::string> drawn;
+    for (const ListedTrial& t : sample_of(all, all.size() - 3, 11)) drawn.insert(t.plan.id);
+    LONGS_EQUAL(all.size() - 3, drawn.size());
+    CHECK_EQUAL(0, drawn.count(""));
     CHECK(all_trials(12, {"ode"}).front().plan.id != all.front().plan.id);
 }

@@ -116,9 +116,13 @@ std::vector<ListedTrial> sample_of(std::vector<ListedTrial> trials, std::size_t 
     Random random(seed, 7'777'777);
     std::vector<ListedTrial> sample;
     const double tooth = static_cast<double>(trials.size()) / static_cast<double>(count);
+    std::size_t next = 0;  // none is drawn twice where teeth meet
     for (std::size_t i = 0; i < count; ++i) {
         const double at = (static_cast<double>(i) + random.uniform()) * tooth;
-        sample.push_back(std::move(trials[std::min(trials.size() - 1, static_cast<std::size_t>(at))]));
+        const std::size_t left = count - i;
+        const std::size_t drawn = std::clamp(static_cast<std::size_t>(at), next, trials.size() - left);
+        sample.push_back(std::move(trials[drawn]));
+        next = drawn + 1;
     }
     return sample;
 }
