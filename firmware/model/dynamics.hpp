@@ -31,6 +31,9 @@ struct Dynamics {
     Real k8_per_kg_m2{};
 };
 
+// Standard gravity (3rd CGPM, 1901).
+inline constexpr double kGravity_m_per_s2 = 9.80665;
+
 // Share that the wheels' rotation, motors included, has in the mass m_eff that K7 stands for. Hardly a log of
 // wheel speeds tells it: solid wheels of a sixth of the robot's mass, give or take, with its standard error.
 inline constexpr double kRotationShare = 0.08;

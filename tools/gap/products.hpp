@@ -1,16 +1,17 @@
-// The two matrix products in which an analysis of a log spends most of its time, with the widest vectors that
-// the processor has: Eigen uses those that it was compiled for, which every processor has. Differently wide
-// vectors add in the same order and differ by a rounding where there is a fused multiply-add.
+// The two matrix products in which an analysis of a log spends most of its time, by OpenBLAS, which takes the
+// widest vectors that the processor has; Eigen takes those that it was compiled for, which every processor
+// has. Processors may differ by roundings, calls on one do not. Any shape that multiplies, empty ones
+// included. Safe from several threads; each call works in its own (the serial build of OpenBLAS).
 #pragma once
 
 #include <Eigen/Core>
 
 namespace wheelwright::gap {
 
-// a b.
+// a b: a's rows by b's columns. a.cols() == b.rows().
 Eigen::MatrixXd product(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-// a a^T.
+// a a^T: both triangles, a.rows() square, at half the cost of product().
 Eigen::MatrixXd times_itself(const Eigen::MatrixXd& a);
 
 }  // namespace wheelwright::gap

@@ -15,7 +15,6 @@ namespace wheelwright::model {
 // where K7 and K5 tell of mass and moment: with m_eff = 1 / (K7 r), a m = K5 m_eff and, as gravity does not
 // pull at the wheels' rotation, m = (1 - kRotationShare) m_eff. g_x and g_y are the coordinates.
 struct Slope {
-    static constexpr double kGravity_m_per_s2 = 9.80665;
     static constexpr std::array<EffectParameterInfo, 2> parameters{{
         {"angle_rad", "rad", 0.0, 0.7, "steepness of the floor"},
         {"uphill_rad", "rad", -3.15, 3.15, "heading that points straight uphill"},

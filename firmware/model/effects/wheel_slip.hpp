@@ -1,9 +1,9 @@
 #pragma once
 
 #include <array>
-#include <cmath>
 
 #include "firmware/model/effect.hpp"
+#include "firmware/model/exponential.hpp"
 
 namespace wheelwright::model {
 
@@ -14,7 +14,6 @@ namespace wheelwright::model {
 // So each wheel has a motion of its own, I w' = torque - r force, with kRotationShare of the robot's mass in
 // both. Below the limit that makes slip go after the torque, as Settling says.
 struct WheelSlip {
-    static constexpr double kGravity_m_per_s2 = 9.80665;
     static constexpr std::array<EffectParameterInfo, 2> parameters{{
         {"friction_coefficient", "", 0.0, 5.0, "largest force of a tyre over its load"},
         {"slip_speed_m_per_s", "m/s", 0.0, 10.0, "slip at which a tyre reaches its largest force"},
@@ -51,21 +50,26 @@ struct WheelSlip {
     // and by (1 - R) slip' more.
     template <typename Real>
     struct Settling {
-        Real slip_per_force{};  // of torque / r, settled
+        Real slip_per_force{};  // m/s per N of torque / r, settled
         Real time_constant_s{};
         Real bodys_share{};  // 1 - R
 
-        // How much of the way to the settled slip is gone after `time_s`.
+        // How much of the way to the settled slip is gone after time_s >= 0; 0..1.
         Real share_of(Real time_s) const {
-            return time_constant_s > 0 ? -std::expm1(-time_s / time_constant_s) : Real(1);
+            if (!(time_constant_s > 0)) return 1;
+            const Real x = time_s / time_constant_s;
+            return x * mean_exp_minus(x);
         }
     };
+    // Of two wheels that push alike; rotation_share is of the robot's mass.
     template <typename Real>
     static constexpr Settling<Real> forward(const Parameters<Real>& p, const Geometry<Real>& g,
                                             const Dynamics<Real>& k,
                                             Real rotation_share = Real(kRotationShare)) {
         return settling(p, g, k, rotation_share, rotation_share);
     }
+    // Of two wheels that push against each other; the same share of the mass, which is another one of what K8
+    // tells.
     template <typename Real>
     static constexpr Settling<Real> turning(const Parameters<Real>& p, const Geometry<Real>& g,
                                             const Dynamics<Real>& k,
