@@ -574,7 +574,8 @@ class Analysis {
         for (const auto& [effect, parameters] : given_) points[effect] = parameters;
         const Dictionary dictionary(setting_for(dynamics_found()), points, false, true);
         BlockSet set = make_blocks(training_, block_options(dictionary));
-        weigh(set, colour_of_rest(set, known_columns(dictionary)));
+        const Colour colour = colour_of_rest(set, known_columns(dictionary));
+        weigh(set, colour);
         const Blocks blocks = pointers(set);
         const auto model = [&](std::size_t members) {
             ModelShape shape{{{{Dictionary::kTiming}}}, {}, findings_.turning};
@@ -589,7 +590,7 @@ class Analysis {
         const Fit after = model(s.members.size());
         const Fit base = model(s.base_members);
         const std::vector<Structure> missing = structures_beside(base, blocks, aspects);
-        const std::vector<Structure> left =
+        std::vector<Structure> left =
             s.members.size() == s.base_members ? missing : structures_beside(after, blocks, aspects);
         const double explained = base.squares - after.squares;
         double closable = std::max(0.0, explained);
@@ -598,7 +599,19 @@ class Analysis {
         for (const Structure& m : missing) put_place(m, closable);
         // columns at other points than the search's may fit worse than none
         if (explained < 0) return;
-        judge_what_is_left(left, std::sqrt(explained / torque_squares(blocks, after)));
+        const double explained_share = std::sqrt(explained / torque_squares(blocks, after));
+        // lag that shows only where the torque is the noise of the speeds is that of the drive's speed loop
+        const auto of_noise = [&](const Structure& l) {
+            if (l.place != "lag" || !l.sure || !of_interest(l, explained_share)) return false;
+            weigh_where_motion_is_seen(set, colour);
+            std::vector<Aspect> lags = aspects;
+            std::erase_if(lags, [](const Aspect& a) { return a.place != "lag"; });
+            const std::vector<Structure> heard = structures_beside(model(s.members.size()), blocks, lags);
+            return heard.empty() || !heard.front().sure || !of_interest(heard.front(), explained_share);
+        };
+        if (std::erase_if(left, of_noise) > 0 && s.members.size() == s.base_members)
+            std::erase_if(s.where, [](const Place& p) { return p.name == "lag"; });
+        judge_what_is_left(left, explained_share);
         if (s.verdict != Verdict::unexplained || s.effects.empty() || left.empty() || !left.front().sure)
             return;
         // what is left beside what was named comes first

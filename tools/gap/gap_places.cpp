@@ -23,6 +23,15 @@ constexpr int kTimes = 7;
 
 enum Aspects { kOnly, kBeyond, kTorqueLate, kReversal, kFirstOrder };
 
+// Without the greatest of them: a single piece, the only one to turn perhaps, is told by the others so badly
+// that anything may seem to help there.
+double usual_sum(const std::vector<double>& gain) {
+    const auto n = static_cast<double>(gain.size());
+    if (n < 2) return 0;
+    const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
+    return (sum - *std::max_element(gain.begin(), gain.end())) * n / (n - 1);
+}
+
 }  // namespace
 
 PlaceColumns::PlaceColumns(const Setting& setting)
@@ -148,7 +157,7 @@ std::vector<Structure> structures_beside(const Fit& model, const Blocks& blocks,
     std::vector<Structure> all;
     for (const Aspect& aspect : aspects) {
         const std::vector<double> gain = gain_beside(blocks, model, aspect.columns);
-        const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
+        const double sum = usual_sum(gain);
         if (!(sum > 0)) continue;
         Structure one{aspect.place, sum, std::sqrt(sum / std::max(1e-300, torque)),
                       surely_positive(gain, kSignificance / double(aspects.size()))};

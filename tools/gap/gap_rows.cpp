@@ -325,14 +325,50 @@ Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns) {
     return colour;
 }
 
+namespace {
+
+// Of a row's frequency.
+std::size_t bin_of(const Colour& colour, const Block& block, Eigen::Index row) {
+    return colour.bin(double(row + 1) * block.first_Hz);
+}
+
+void weigh(Block& block, std::size_t e, const std::array<double, Colour::kBins>& weight,
+           const Colour& colour) {
+    Eigen::VectorXd root(block.rows[e]);
+    for (Eigen::Index k = 0; k < root.size(); ++k) root(k) = std::sqrt(weight[bin_of(colour, block, k)]);
+    block.product[e] = times_itself((root.asDiagonal() * block.row[e]).transpose());
+}
+
+}  // namespace
+
 void weigh(BlockSet& set, const Colour& colour) {
     for (Block& block : set.blocks) {
         for (std::size_t e = 0; e < kEquations; ++e) {
-            Eigen::VectorXd weight(block.rows[e]);
-            for (Eigen::Index k = 0; k < weight.size(); ++k) {
-                weight(k) = 1 / colour.power[e][colour.bin(double(k + 1) * block.first_Hz)];
+            std::array<double, Colour::kBins> weight{};
+            for (std::size_t b = 0; b < weight.size(); ++b) weight[b] = 1 / colour.power[e][b];
+            weigh(block, e, weight, colour);
+        }
+    }
+}
+
+void weigh_where_motion_is_seen(BlockSet& set, const Colour& colour) {
+    constexpr double kSeen = 30;  // over what the noise alone makes: a fraction of it is not taken for lag
+    for (Block& block : set.blocks) {
+        for (std::size_t e = 0; e < kEquations; ++e) {
+            std::array<double, Colour::kBins> squares{};
+            std::array<double, Colour::kBins> rows{};
+            const auto speed = block.row[e].rightCols<1>();
+            for (Eigen::Index k = 0; k < speed.size(); ++k) {
+                const std::size_t b = bin_of(colour, block, k);
+                squares[b] += speed(k) * speed(k);
+                rows[b] += 1;
             }
-            block.product[e] = times_itself((weight.cwiseSqrt().asDiagonal() * block.row[e]).transpose());
+            std::array<double, Colour::kBins> weight{};
+            for (std::size_t b = 0; b < weight.size(); ++b) {
+                const double noise = colour.power[e][b];
+                if (squares[b] > kSeen * rows[b] * noise) weight[b] = 1 / noise;
+            }
+            weigh(block, e, weight, colour);
         }
     }
 }

@@ -93,6 +93,11 @@ Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns);
 // The products anew, each row over the root of the colour's power.
 void weigh(BlockSet& set, const Colour& colour);
 
+// The products anew, of those rows alone at whose frequencies the speeds move more than their noise does, by
+// block and by the colour's bins. A drive's speed loop turns the noise that it measures into torque: where
+// there is no other torque, as that of driving in a spin, it looks like torque that comes late.
+void weigh_where_motion_is_seen(BlockSet& set, const Colour& colour);
+
 BlockSet make_blocks(std::span<const LogPart> parts, const BlockOptions& options);
 
 }  // namespace wheelwright::gap

@@ -86,3 +86,38 @@ TEST(GapPlaces, unequal_radii_that_the_gyro_shows_are_not_explained_by_torques) 
     }
     check_unexplained(analyse(hidden, {"wheel_radius_mismatch"}), "coupling of turning and driving");
 }
+
+// The torque of each wheel is what a speed loop makes of its noisy speed: what it answers to the noise is no
+// late torque. Hardly anything else drives the robot forwards.
+TEST(GapPlaces, a_speed_loops_answer_to_noise_is_no_lag) {
+    constexpr double kSpinNoise_rad_per_s = 0.05;
+    constexpr double kStiffness_Nm_s_per_rad = 0.12;
+    constexpr int kSteps = 25;  // a sample
+    constexpr double kSlow_s = 0.15;
+    HiddenLog hidden = test::hidden_log({}, 4, 0, 25, kRate_Hz);
+    hidden.log.has_gyro = false;
+    const model::Geometry<double>& g = hidden.geometry;
+    const model::Dynamics<double> k{0.04, -1.2, 0.98, 5.4};
+    std::mt19937_64 random(23);
+    std::normal_distribution<double> noise(0, kSpinNoise_rad_per_s);
+    Twist<double> twist;
+    double reference_rad_per_s = 0;
+    for (tools::MeasuredSample& s : hidden.log.samples) {
+        s.speed_rad_per_s = model::wheel_speeds_from_twist(g, twist);
+        s.speed_rad_per_s.left += noise(random);
+        s.speed_rad_per_s.right += noise(random);
+        const double wanted_rad_per_s = std::sin(1.3 * s.t_s) + std::sin(0.37 * s.t_s) > 0 ? 9 : -7;
+        reference_rad_per_s += hidden.log.period_s / kSlow_s * (wanted_rad_per_s - reference_rad_per_s);
+        s.torque_Nm = {kStiffness_Nm_s_per_rad * (-reference_rad_per_s - s.speed_rad_per_s.left),
+                       kStiffness_Nm_s_per_rad * (reference_rad_per_s - s.speed_rad_per_s.right)};
+        const double dt_s = hidden.log.period_s / kSteps;
+        for (int i = 0; i < kSteps; ++i) {
+            const TwistRate<double> rate = model::acceleration(k, twist, s.torque_Nm);
+            twist.v_m_per_s += dt_s * rate.v_m_per_s2;
+            twist.omega_rad_per_s += dt_s * rate.omega_rad_per_s2;
+        }
+    }
+    const gap::Findings found = analyse(hidden, {});
+    STRCMP_EQUAL_TEXT("nothing_missing", gap::verdict_name(found.search.verdict),
+                      found.search.reason.c_str());
+}
