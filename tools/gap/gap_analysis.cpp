@@ -586,6 +586,7 @@ class Analysis {
             }
             return fit(blocks, shape, Spread::left_out);
         };
+        const auto is_lag = [](const auto& one) { return one.place == "lag"; };
         const std::vector<Aspect> aspects = aspects_of(dictionary);
         const Fit after = model(s.members.size());
         const Fit base = model(s.base_members);
@@ -600,17 +601,19 @@ class Analysis {
         // columns at other points than the search's may fit worse than none
         if (explained < 0) return;
         const double explained_share = std::sqrt(explained / torque_squares(blocks, after));
-        // lag that shows only where the torque is the noise of the speeds is that of the drive's speed loop
-        const auto of_noise = [&](const Structure& l) {
-            if (l.place != "lag" || !l.sure || !of_interest(l, explained_share)) return false;
+        const auto lag = std::find_if(left.begin(), left.end(), is_lag);
+        if (lag != left.end() && lag->sure && of_interest(*lag, explained_share)) {
+            // that of the drive's speed loop, which answers to noise, is none
             weigh_where_motion_is_seen(set, colour);
-            std::vector<Aspect> lags = aspects;
-            std::erase_if(lags, [](const Aspect& a) { return a.place != "lag"; });
-            const std::vector<Structure> heard = structures_beside(model(s.members.size()), blocks, lags);
-            return heard.empty() || !heard.front().sure || !of_interest(heard.front(), explained_share);
-        };
-        if (std::erase_if(left, of_noise) > 0 && s.members.size() == s.base_members)
-            std::erase_if(s.where, [](const Place& p) { return p.name == "lag"; });
+            std::vector<Aspect> lags;
+            std::copy_if(aspects.begin(), aspects.end(), std::back_inserter(lags), is_lag);
+            const std::vector<Structure> seen = structures_beside(model(s.members.size()), blocks, lags);
+            if (seen.empty() || !seen.front().sure || !of_interest(seen.front(), explained_share)) {
+                left.erase(lag);
+                if (s.members.size() == s.base_members)
+                    std::erase_if(s.where, [](const Place& p) { return p.name == "lag"; });
+            }
+        }
         judge_what_is_left(left, explained_share);
         if (s.verdict != Verdict::unexplained || s.effects.empty() || left.empty() || !left.front().sure)
             return;
