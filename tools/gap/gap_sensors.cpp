@@ -329,8 +329,13 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     }
     // The lag smooths the gyro's own noise, which gains something without any lag in the wheels' report.
     const double smoothed = noise_squares(logs);
-    // not sure of it, or of next to nothing
-    if (gained < kSure * std::sqrt(spread) / 2 || gained < 0.02 * none + 2 * smoothed) gyro.lag_s = 0;
+    // Sure of it by all blocks, or because nearly all of what the gyro and the wheels differ by goes, if only
+    // few blocks turn; and not next to nothing.
+    const bool sure = gained > kSure * std::sqrt(spread) / 2 || gained > none / 2 + 2 * smoothed;
+    if (!sure || gained < 0.02 * none + 2 * smoothed) {
+        gyro.lag_s = 0;
+        gyro.lag_error_s = std::max(gyro.lag_error_s, best / kSure);
+    }
     if (bend > 0) gyro.lag_error_s = std::max(gyro.lag_error_s, std::sqrt(0.1 * smoothed / bend));
 }
 
