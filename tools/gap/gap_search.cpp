@@ -236,6 +236,10 @@ class Searcher {
         return std::sqrt(std::max(0.0, p.dot(set_.wheel_power * p))) / std::max(1e-12, set_.torque_rms_Nm);
     }
 
+    double least_share(const Members& members) const {
+        return members.size() > 1 ? kSizeOfInterest : kSizeOfInterestAlone;
+    }
+
     struct Trial {
         Way way{};
         double gain = 0;  // held-out, on the blocks that select
@@ -369,7 +373,6 @@ class Searcher {
         best.way.effect = effect;
         const std::vector<double> before = left_out(select_, members);
         const Fit without_it = fit(select_, shape_of(members), Spread::left_out);
-        const double unconfirmed = squares(confirm_, without_it);
         for (const Way& way : tried) {
             Trial t;
             t.way = way;
@@ -389,10 +392,8 @@ class Searcher {
             const Fit selected = fit(select_, shape_of(more));
             t.probability = probability_of_last(select_, more);
             t.in_range = in_range(more, last, selected);
-            t.of_interest = effect_torque_share(more, last, selected) >= kSizeOfInterest;
-            const double confirm_gain = unconfirmed - squares(confirm_, selected);
-            const double share = t.gain / std::accumulate(before.begin(), before.end(), 0.0);
-            t.confirmed = confirm_.empty() || (confirm_gain > 0 && confirm_gain > share * unconfirmed / 3);
+            t.of_interest = effect_torque_share(more, last, selected) >= least_share(more);
+            t.confirmed = confirmed(without_it, selected);
             // one amount for both unless two are clearly apart
             if (tried.size() == 1 || best.gain == 0 ||
                 (t.gain > best.gain && apart(selected, first_amount_of(more, last)))) {
@@ -400,6 +401,17 @@ class Searcher {
             }
         }
         return best;
+    }
+
+    // On blocks that took no part in choosing it, it gains what it foretells there, as far as they can tell:
+    // of something that is not there they lose as much.
+    bool confirmed(const Fit& without_it, const Fit& with_it) const {
+        if (confirm_.empty()) return true;
+        const double left = squares(confirm_, with_it);
+        double foretold = 0;
+        for (const Block* b : confirm_) foretold += squares_apart(*b, without_it, with_it);
+        const double variance = left / row_count(confirm_, with_it.shape);
+        return squares(confirm_, without_it) - left > foretold / 3 - 2 * std::sqrt(variance * foretold);
     }
 
     void note_point(const Members& members, std::size_t member, const Fit& f) {
@@ -550,7 +562,7 @@ class Searcher {
             const bool little = gain < kLeastShareOfAll * (result_.gap_refit - result_.floor) * rows_;
             const bool needed =
                 !little && (much || probability_of_last(all_, with(fewer, members_[i])) <= kSuperfluous);
-            if (needed && effect_torque_share(members_, i, f) >= kSizeOfInterest) {
+            if (needed && effect_torque_share(members_, i, f) >= least_share(members_)) {
                 ++i;
             } else {
                 members_ = fewer;
@@ -561,7 +573,7 @@ class Searcher {
     // What came in another's place must be of interest too.
     void drop_trifles() {
         for (std::size_t i = base_members_; i < members_.size();) {
-            if (effect_torque_share(members_, i, fit(all_, shape_of(members_))) >= kSizeOfInterest) {
+            if (effect_torque_share(members_, i, fit(all_, shape_of(members_))) >= least_share(members_)) {
                 ++i;
             } else {
                 members_ = without(members_, i);
@@ -784,7 +796,7 @@ class Searcher {
                 }
                 const bool excited = power > 0 && likeness(all_, result_.base, {way.amounts[k]}, {}) < 1;
                 const double interest =
-                    power > 0 ? kSizeOfInterest * set_.torque_rms_Nm / std::sqrt(power) : infinity;
+                    power > 0 ? kSizeOfInterestAlone * set_.torque_rms_Nm / std::sqrt(power) : infinity;
                 least(Eigen::Index(k)) =
                     excited ? std::max(interest, 4.5 * f.error(first + Eigen::Index(k))) : infinity;
             }

@@ -16,12 +16,13 @@
 namespace wheelwright::gap {
 
 // Thresholds. Shares are of 1.
-inline constexpr double kSignificance = 0.01;         // of each test, after Holm over the catalogue
-inline constexpr double kLeastShareOfClosable = 0.2;  // of the closable gap that is left
-inline constexpr double kLeastShareOfAll = 0.0005;    // of the closable gap at first
-inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torque over RMS of the torque
-inline constexpr double kSmallGap = 0.01;             // closable gap as a share of what torque does
-inline constexpr double kLargeGap = 0.03;             // left over: unexplained
+inline constexpr double kSignificance = 0.01;          // of each test, after Holm over the catalogue
+inline constexpr double kLeastShareOfClosable = 0.2;   // of the closable gap that is left
+inline constexpr double kLeastShareOfAll = 0.0005;     // of the closable gap at first
+inline constexpr double kSizeOfInterest = 0.01;        // RMS of an effect's torque over RMS of the torque,
+inline constexpr double kSizeOfInterestAlone = 0.005;  // where nothing else is found
+inline constexpr double kSmallGap = 0.01;              // closable gap as a share of what torque does
+inline constexpr double kLargeGap = 0.03;              // left over: unexplained
 inline constexpr double kShareLeft = 0.10;  // of the closable torque, beside what was named: unexplained too
 // What depends on a place is unexplained from these shares of the torque on, where nothing or something was
 // named; in the latter case also of what all that explains. Columns that know nothing of an effect show part
