@@ -20,6 +20,7 @@ constexpr double kSuperfluous = 0.05;  // probability of what goes again that wa
 constexpr double kActs = 0.02;  // power of an effect's columns in a block over that in the block with most
 constexpr std::size_t kFewestActing = 5;
 constexpr std::size_t kFewestParting = 8;  // blocks: fewer would have to agree in all their ranks
+constexpr double kToldApart = 0.0027;      // probability of three standard errors
 constexpr double kNoBetter = 1.005;  // share of the gain, kept by a rival with more unknowns, that is chance
 constexpr double kTrifle = 0.01;     // share of what is left, by which a model must be better to be so
 constexpr double kUnexcited = 1e-4;  // power of a coordinate's column over that of the effect's strongest
@@ -360,6 +361,20 @@ class Searcher {
         return parting;
     }
 
+    // One model is true rather than the other, by all that they foretell.
+    bool told_apart(const Members& one, const Members& other) const {
+        const Fit a = fit(all_, shape_of(one), Spread::left_out);
+        const Fit b = fit(all_, shape_of(other), Spread::left_out);
+        std::vector<double> gain(all_.size());
+        std::vector<double> apart(all_.size());
+        for (std::size_t i = 0; i < all_.size(); ++i) {
+            const Blocks block{all_[i]};
+            gain[i] = squares(block, b) - squares(block, a);
+            apart[i] = squares_apart(*all_[i], a, b);
+        }
+        return surely_as_foretold(gain, apart, squares(all_, a) / rows_, kToldApart);
+    }
+
     Trial attempt(std::size_t effect, const Members& members) const {
         const auto [first, end] = dictionary_.linear_columns(effect);
         std::vector<Way> tried;
@@ -604,7 +619,9 @@ class Searcher {
                 const Members held = with(fewer, better ? *better : members_[i]);
                 const auto [now, then] = compared(held, taken);
                 const bool simpler = simplicity(*best) < simplicity(held.back());
-                if (simpler ? !surely_less(now, then) : surely_less(then, now) && sum < mine) {
+                const bool better_held = surely_less(now, then) || told_apart(held, taken);
+                const bool better_taken = surely_less(then, now) || told_apart(taken, held);
+                if (simpler ? !better_held : better_taken && !better_held && sum < mine) {
                     better = best;
                     mine = sum;
                 }
@@ -744,7 +761,7 @@ class Searcher {
             rival.richer =
                 unknowns(mine) < unknowns(*best) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
-            const bool worse = surely_positive(loss);
+            const bool worse = surely_positive(loss) || told_apart(mine_there, other);
             if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 100) {
                 named.rivals.push_back(rival);
             } else {

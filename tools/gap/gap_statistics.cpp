@@ -74,4 +74,20 @@ bool surely_positive(const std::vector<double>& values, double significance) {
     return signed_rank_probability(values) <= significance || t_probability(t, n - 1) <= 2 * significance;
 }
 
+bool surely_as_foretold(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
+                        double significance) {
+    constexpr double kLeast = 1.0 / 3;
+    const double degrees = static_cast<double>(gain.size()) - 1;
+    const double all_apart = std::accumulate(apart.begin(), apart.end(), 0.0);
+    if (degrees < 1 || !(all_apart > 0)) return false;
+    const double share = std::accumulate(gain.begin(), gain.end(), 0.0) / all_apart;
+    // a block's gain is as far off as chance makes it: by twice the root of what is apart and the variance
+    double spread = 0;
+    for (std::size_t b = 0; b < gain.size(); ++b)
+        spread += std::pow(gain[b] - share * apart[b], 2) / std::max(apart[b], variance);
+    spread = std::max(spread / degrees, 4 * variance);
+    return share > kLeast &&
+           t_probability((share + 1) / std::sqrt(spread / all_apart), degrees) <= significance;
+}
+
 }  // namespace wheelwright::gap
