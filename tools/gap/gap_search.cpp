@@ -15,7 +15,7 @@ namespace {
 
 constexpr Eigen::Index kFirstAmount = 4;
 constexpr double kApart = 4;           // standard errors of the difference between left and right
-constexpr double kCloser = 0.95;       // a grid's point must be better than a closer look by more than this
+constexpr double kCloser = 0.98;       // a grid's point must be better than a closer look by more than this
 constexpr double kSuperfluous = 0.05;  // probability of what goes again that was accepted once
 constexpr double kActs = 0.02;  // power of an effect's columns in a block over that in the block with most
 constexpr std::size_t kFewestActing = 5;
@@ -458,9 +458,11 @@ class Searcher {
     }
 
     bool acceptable(const Trial& t, std::size_t tested, double closable) const {
-        const bool significant =
-            t.probability <= kSignificance / double(tested) &&
-            t.rank_probability <= std::max(kSignificance, std::pow(0.5, double(t.rank_blocks)) * 1.001);
+        // by one test after Holm, and by the other at least alone; few blocks have few ranks
+        const double strict = kSignificance / double(tested);
+        const double rank = std::max(kSignificance, std::pow(0.5, double(t.rank_blocks)) * 1.001);
+        const bool significant = (t.probability <= strict && t.rank_probability <= rank) ||
+                                 (t.probability <= kSignificance && t.rank_probability <= strict);
         const auto& earlier = options_.confirmed;
         const bool confirmed =
             t.confirmed || std::find(earlier.begin(), earlier.end(), t.way.effect) != earlier.end();

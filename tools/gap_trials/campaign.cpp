@@ -209,8 +209,8 @@ Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& opti
     }
     std::vector<fs::path> written{log};
     std::map<std::string, Further> further;
-    const bool asks_further = options.further.contains(id);
-    if (asks_further) {
+    const bool asks_all = options.further.contains(id);
+    if (!options.further.empty()) {
         const auto write_beside = [&](const std::string& ending, const std::string& text) {
             written.push_back(options.out / "logs" / (id + "." + ending));
             write_log(written.back(), text);
@@ -223,7 +223,8 @@ Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& opti
             words.insert(words.end(), more.begin(), more.end());
             return analyse(trial, std::move(words), analyses / (id + "." + name), options.time_limit_s);
         };
-        further = ask_further({trial, oracle, make_plant, finding, log, analyses / id, write_beside, ask});
+        further = ask_further({trial, oracle, make_plant, finding, log, analyses / id, write_beside, ask},
+                              asks_all);
     }
     write(sealed, label);
     if (!options.keep_logs) {
@@ -231,7 +232,7 @@ Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& opti
     }
     Outcome outcome = judge(read_label(label), finding);
     outcome.beside = std::move(beside);
-    outcome.asked_further = asks_further;
+    outcome.asked_further = asks_all;
     outcome.further = std::move(further);
     write(result_of(options.out, listed), outcome_json(outcome));
     return outcome;

@@ -35,7 +35,8 @@ struct CampaignOptions {
     bool resume = false;
     bool keep_logs = false;
     std::vector<Comparison> beside;
-    std::set<std::string> further;  // names of the trials that get further analyses
+    // Names of the trials that get all further analyses; if any do, every advice is followed.
+    std::set<std::string> further;
 };
 
 struct Progress {

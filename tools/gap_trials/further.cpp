@@ -145,14 +145,15 @@ std::string true_model_toml(const Trial& trial) {
            line("k8_per_kg_m2", robot.track_m / (2 * r * inertia)) + effects;
 }
 
-std::map<std::string, Further> ask_further(const Asked& asked) {
-    std::map<std::string, Further> all;
+std::map<std::string, Further> ask_further(const Asked& asked, bool all) {
+    std::map<std::string, Further> answers;
     for (const Question& question : kFurther) {
+        if (!all && question.ask != drive_advised) continue;
         Further further;
         question.ask(asked, further);
-        if (!further.answers.empty()) all[question.name] = std::move(further);
+        if (!further.answers.empty()) answers[question.name] = std::move(further);
     }
-    return all;
+    return answers;
 }
 
 }  // namespace wheelwright::tools

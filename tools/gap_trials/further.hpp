@@ -36,8 +36,8 @@ struct Asked {
         analyse;
 };
 
-// Asks all that apply to this trial; those that do not are left out.
-std::map<std::string, Further> ask_further(const Asked& asked);
+// Asks all that apply to this trial, or only whether the advised motions help: few trials end in an advice.
+std::map<std::string, Further> ask_further(const Asked& asked, bool all);
 // The true robot of a trial as a robot file, by the catalogue's conventions: K5..K8 of its masses, its
 // effects.
 std::string true_model_toml(const hidden::Trial& trial);

@@ -274,7 +274,7 @@ std::string outcome_json(const Outcome& o) {
     }
     Json outcome{{"truth", truth}, {"finding", finding_json(o.finding)}};
     for (const auto& [name, finding] : o.beside) outcome["beside"][name] = finding_json(finding);
-    if (o.asked_further) outcome["further"] = Json::object();
+    outcome["asked_further"] = o.asked_further;
     for (const auto& [name, further] : o.further) {
         Json& one = outcome["further"][name];
         one["can_tell"] = further.can_tell;
@@ -303,7 +303,7 @@ Outcome outcome_from_json(std::string_view json) {
     Outcome outcome = judge(truth, finding_from(f));
     for (const auto& [name, finding] : member(root, "beside").items())
         outcome.beside[name] = finding_from(finding);
-    outcome.asked_further = root.contains("further");
+    outcome.asked_further = root.value("asked_further", false);
     for (const auto& [name, one] : member(root, "further").items()) {
         Further& further = outcome.further[name];
         further.can_tell = one.value("can_tell", true);

@@ -95,7 +95,7 @@ struct Outcome {
     std::vector<ParameterError> errors;
     std::string said;                       // for the confusion matrix: names joined by "+", or the verdict
     std::map<std::string, Finding> beside;  // of other analyses of the same log, by name
-    bool asked_further = false;
+    bool asked_further = false;  // all that apply; else what an advice asks for, where `further` has it
     std::map<std::string, Further> further;  // by name
 };
 
