@@ -459,10 +459,11 @@ class Searcher {
 
     bool acceptable(const Trial& t, std::size_t tested, double closable) const {
         // by one test after Holm, and by the other at least alone; few blocks have few ranks
-        const double strict = kSignificance / double(tested);
-        const double rank = std::max(kSignificance, std::pow(0.5, double(t.rank_blocks)) * 1.001);
+        const double level = members_.empty() ? kSignificanceAlone : kSignificance;
+        const double strict = level / double(tested);
+        const double rank = std::max(level, std::pow(0.5, double(t.rank_blocks)) * 1.001);
         const bool significant = (t.probability <= strict && t.rank_probability <= rank) ||
-                                 (t.probability <= kSignificance && t.rank_probability <= strict);
+                                 (t.probability <= level && t.rank_probability <= strict);
         const auto& earlier = options_.confirmed;
         const bool confirmed =
             t.confirmed || std::find(earlier.begin(), earlier.end(), t.way.effect) != earlier.end();

@@ -16,18 +16,19 @@
 namespace wheelwright::gap {
 
 // Thresholds. Shares are of 1.
-inline constexpr double kSignificance = 0.01;          // of each test, after Holm over the catalogue
-inline constexpr double kLeastShareOfClosable = 0.2;   // of the closable gap that is left
-inline constexpr double kLeastShareOfAll = 0.0005;     // of the closable gap at first
-inline constexpr double kSizeOfInterest = 0.01;        // RMS of an effect's torque over RMS of the torque,
-inline constexpr double kSizeOfInterestAlone = 0.005;  // where nothing else is found
-inline constexpr double kSmallGap = 0.01;              // closable gap as a share of what torque does
-inline constexpr double kLargeGap = 0.03;              // left over: unexplained
+inline constexpr double kSignificance = 0.01;         // of each test, after Holm over the catalogue,
+inline constexpr double kSignificanceAlone = 0.02;    // and of the first effect
+inline constexpr double kLeastShareOfClosable = 0.2;  // of the closable gap that is left
+inline constexpr double kLeastShareOfAll = 0.001;     // of the closable gap at first
+inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torque over RMS of the torque,
+inline constexpr double kSizeOfInterestAlone = kSizeOfInterest / 3;  // where nothing else is found
+inline constexpr double kSmallGap = 0.01;   // closable gap as a share of what torque does
+inline constexpr double kLargeGap = 0.03;   // left over: unexplained
 inline constexpr double kShareLeft = 0.10;  // of the closable torque, beside what was named: unexplained too
 // What depends on a place is unexplained from these shares of the torque on, where nothing or something was
 // named; in the latter case also of what all that explains. Columns that know nothing of an effect show part
 // of it only.
-inline constexpr double kShown = kSizeOfInterest / 3;
+inline constexpr double kShown = kSizeOfInterestAlone;
 inline constexpr double kShownBeside = kSizeOfInterest / 2;
 inline constexpr double kShareShownBeside = 0.2;
 inline constexpr double kAlike = 0.999;  // likeness in this log above which no log like it separates
