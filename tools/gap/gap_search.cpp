@@ -764,8 +764,10 @@ class Searcher {
             rival.richer =
                 unknowns(mine) < unknowns(*best) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
-            const bool worse = surely_positive(loss) || told_apart(mine_there, other);
-            if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - kTied / 100) {
+            const bool told = told_apart(mine_there, other);
+            const bool worse = told || surely_positive(loss);
+            const double trifle = told ? kTrifleOfGainForetold : kTrifleOfGain;
+            if (rival.alike || (!worse && rival.keeps > 1 - 4 * kTied) || rival.keeps > 1 - trifle) {
                 named.rivals.push_back(rival);
             } else {
                 named.ruled_out.push_back(rival);

@@ -33,6 +33,10 @@ inline constexpr double kShownBeside = kSizeOfInterest / 2;
 inline constexpr double kShareShownBeside = 0.2;
 inline constexpr double kAlike = 0.999;  // likeness in this log above which no log like it separates
 inline constexpr double kTied = 0.05;    // share of its gain that a rival may lose and still be tied
+// A rival's loss below these shares of the gain is none: no model of a robot is so exact; where it is what
+// both foretell, piece by piece, it is more surely the rival's.
+inline constexpr double kTrifleOfGain = 0.0005;
+inline constexpr double kTrifleOfGainForetold = 0.0001;
 inline constexpr std::size_t kMostEffects = 4;
 
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
