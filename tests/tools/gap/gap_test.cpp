@@ -132,6 +132,25 @@ TEST(GapSearch, a_short_log_that_tells_is_not_outvoted_by_a_long_one_that_does_n
     }
 }
 
+// Half a per cent of the torque, where it is all that is missing.
+TEST(GapSearch, radii_that_differ_by_little_are_named_without_a_gyro) {
+    const gap::Findings f =
+        analyse(test::hidden_log({"wheel_radius_mismatch", 0, {0.006}}, 12, 0.01, kDuration_s, kRate_Hz));
+    STRCMP_EQUAL(" wheel_radius_mismatch", names_of(f).c_str());
+    CHECK(f.search.effects[0].torque_share < gap::kSizeOfInterest);
+    DOUBLES_EQUAL(0.006, f.search.effects[0].parameters[0].value, 0.001);
+}
+
+// In noise no piece alone tells them apart, and all together do.
+TEST(GapSearch, a_delay_in_noise_is_told_from_a_lag) {
+    for (const std::uint64_t seed : {21, 22, 23}) {
+        const gap::Findings f =
+            analyse(test::hidden_log({"transport_delay", 0, {0.006}}, seed, 0.05, kDuration_s, kRate_Hz));
+        STRCMP_EQUAL(" transport_delay", names_of(f).c_str());
+        STRCMP_EQUAL("named", gap::verdict_name(f.search.verdict));
+    }
+}
+
 TEST_GROUP(GapFindings){};
 
 TEST(GapFindings, parameters_lie_within_their_intervals_and_the_free_run_comes_down_to_the_noise) {
