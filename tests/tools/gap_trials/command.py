@@ -103,8 +103,8 @@ class Trials(unittest.TestCase):
             found = {}
             for path in (self.out / "results").iterdir():
                 result = json.loads(path.read_text(encoding="utf-8"))
-                if "further" in result:
-                    found[path.stem] = (result["truth"], result["further"])
+                if result["asked_further"]:
+                    found[path.stem] = (result["truth"], result.get("further", {}))
             return found
         trials = ("--sample", 12, "--seed", 3)
         self.run_trials(*trials, "--task", 0)
