@@ -7,12 +7,29 @@ namespace wheelwright::hal {
 
 namespace {
 constexpr std::int64_t ns_per_s = 1'000'000'000;
-}
 
-std::int64_t MonotonicClock::now_ns() const {
+std::int64_t read_ns(clockid_t clock) {
     timespec now{};
-    clock_gettime(CLOCK_MONOTONIC, &now);
+    clock_gettime(clock, &now);
     return std::int64_t{now.tv_sec} * ns_per_s + now.tv_nsec;
+}
+}  // namespace
+
+std::int64_t MonotonicClock::now_ns() const { return read_ns(CLOCK_MONOTONIC); }
+
+std::int64_t realtime_offset_ns() {
+    constexpr int kReadings = 8;
+    std::int64_t quickest_ns = INT64_MAX;
+    std::int64_t offset_ns = 0;
+    for (int i = 0; i < kReadings; ++i) {
+        const std::int64_t before_ns = read_ns(CLOCK_MONOTONIC);
+        const std::int64_t realtime_ns = read_ns(CLOCK_REALTIME);
+        const std::int64_t took_ns = read_ns(CLOCK_MONOTONIC) - before_ns;
+        if (took_ns >= quickest_ns) continue;
+        quickest_ns = took_ns;
+        offset_ns = realtime_ns - before_ns - took_ns / 2;
+    }
+    return offset_ns;
 }
 
 void MonotonicClock::sleep_until_ns(std::int64_t deadline_ns) {

@@ -17,4 +17,8 @@ class MonotonicClock final : public Clock {
     void sleep_until_ns(std::int64_t deadline_ns) override;
 };
 
+// CLOCK_REALTIME - CLOCK_MONOTONIC now. As good as the quickest of some readings: to be held up between the
+// two clocks spoils one, not all. Threads: any; does not allocate or throw.
+std::int64_t realtime_offset_ns();
+
 }  // namespace wheelwright::hal

@@ -16,6 +16,8 @@
 #include <ctime>
 #include <system_error>
 
+#include "hal/linux/monotonic_clock.hpp"
+
 namespace wheelwright::hal {
 
 namespace {
@@ -134,8 +136,7 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
     }
     std::unique_ptr<SocketCanBus> bus(new SocketCanBus(socket.release()));
     bus->fd_frames_ = fd_frames;
-    const std::int64_t realtime_ns = read_clock_ns(CLOCK_REALTIME);
-    bus->realtime_offset_ns_ = realtime_ns - read_clock_ns(CLOCK_MONOTONIC);
+    bus->realtime_offset_ns_ = realtime_offset_ns();
     return bus;
 }
 

@@ -9,18 +9,14 @@
 #include <ctime>
 #include <utility>
 
+#include "hal/linux/monotonic_clock.hpp"
+
 namespace wheelwright::tools {
 namespace {
 
 volatile std::sig_atomic_t g_interrupted = 0;
 
 void on_signal(int) { g_interrupted = 1; }
-
-std::int64_t clock_ns(clockid_t clock) {
-    timespec now{};
-    ::clock_gettime(clock, &now);
-    return now.tv_sec * std::int64_t{1'000'000'000} + now.tv_nsec;
-}
 
 constexpr std::int64_t kPoll_ns = 500'000;
 constexpr std::int64_t kLongestPoll_ns = 100'000'000;
@@ -37,9 +33,9 @@ std::unique_ptr<hal::SocketCanBus> open_can(const std::string& interface, int& e
     return nullptr;
 }
 
-std::int64_t can_now_ns() { return clock_ns(CLOCK_MONOTONIC); }
+std::int64_t can_now_ns() { return hal::MonotonicClock().now_ns(); }
 
-std::int64_t wall_clock_offset_ns() { return clock_ns(CLOCK_REALTIME) - clock_ns(CLOCK_MONOTONIC); }
+std::int64_t wall_clock_offset_ns() { return hal::realtime_offset_ns(); }
 
 std::string send_frame(hal::CanBus& bus, const hal::CanFrame& frame) {
     const std::int64_t patience_ns = can_now_ns() + kSendPatience_ns;
