@@ -905,16 +905,20 @@ class Analysis {
                                            : static_cast<std::size_t>(std::lround(window / log.period_s)) + 1;
             if (length > part.end - part.first) continue;
             const auto rms = [&](const SimulatedRobot& robot) {
-                double sum = 0;
-                std::size_t count = 0;
+                double both = 0;
+                double forward = 0;
                 result.windows = 0;
                 for (std::size_t from = part.first; from + length <= part.end; from += length - 1) {
-                    sum += free_run(robot, {&log, from, from + length, headings[from - part.first]},
-                                    log.samples[from].speed_rad_per_s);
-                    count += 2 * (length - 1);
+                    both += free_run(robot, {&log, from, from + length, headings[from - part.first]},
+                                     log.samples[from].speed_rad_per_s,
+                                     [&](std::size_t i, const WheelPair<double>& simulated) {
+                                         const WheelPair<double>& measured = log.samples[i].speed_rad_per_s;
+                                         forward += std::pow((simulated.sum() - measured.sum()) / 2, 2);
+                                     });
                     ++result.windows;
                 }
-                return std::sqrt(sum / double(count));
+                const auto count = static_cast<double>(result.windows * (length - 1));
+                return SpeedError{std::sqrt(both / (2 * count)), std::sqrt(forward / count)};
             };
             if (nominal) result.nominal = rms(*nominal);
             result.before = rms(before);

@@ -25,13 +25,19 @@ struct Request {
     std::function<void(const std::string&)> progress = [](const std::string&) {};
 };
 
-// Free run of the simulated robot over measured torque, against the measured
-// wheel speeds.
+// Simulated less measured wheel speeds, rad/s RMS: over both wheels, and of their mean, which is how the
+// robot goes forward. both^2 = forward^2 + that of half the wheels' difference^2: a model that says nothing
+// of turning leaves all of the latter.
+struct SpeedError {
+    double both = 0, forward = 0;
+};
+
+// Free run of the simulated robot over measured torque, against the measured wheel speeds.
 struct FreeRun {
     double window_s = 0;  // 0: the whole part
     std::size_t windows = 0;
-    std::optional<double> nominal;  // of the given model
-    double before = 0, after = 0;   // rad/s RMS over both wheels
+    std::optional<SpeedError> nominal;  // of the given model
+    SpeedError before, after;
 };
 
 struct Curve {  // residual as torque, both wheels' mean, in bins

@@ -301,8 +301,8 @@ class PayloadTerm : public Contribution {
     model::Dynamics<double> loaded_;
 };
 
-// A first-order lag of the speeds reported is one of all that accelerates them. The products of speeds are
-// lagged too, at the speeds as they were.
+// A first-order lag of the speeds reported is one of all that accelerates them: the torque and the products
+// of the speeds as they were, which are those reported and the lag's time of what accelerates these.
 class MeasurementLagTerm : public Contribution {
   public:
     MeasurementLagTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s), torque_(p, s) {}
@@ -310,9 +310,11 @@ class MeasurementLagTerm : public Contribution {
         const WheelPair<double> late = torque_.over(i);  // lagged less given
         const auto& k = s_.dynamics;
         const Twist<double> u = model::twist_from_wheel_speeds(s_.geometry, i.speed());
-        const double v = u.v_m_per_s + p_[0] * k.k7_per_kg_m * (i.torque.sum() + late.sum());
+        const double v =
+            u.v_m_per_s + p_[0] * (k.k5_m * square_ + k.k7_per_kg_m * (i.torque.sum() + late.sum()));
         const double omega =
-            u.omega_rad_per_s + p_[0] * k.k8_per_kg_m2 * (i.torque.difference() + late.difference());
+            u.omega_rad_per_s +
+            p_[0] * (k.k6_per_m * product_ + k.k8_per_kg_m2 * (i.torque.difference() + late.difference()));
         const double share = p_[0] > 0 ? -std::expm1(-i.dt_s / p_[0]) : 1.0;
         square_ += share * (omega * omega - square_);
         product_ += share * (v * omega - product_);

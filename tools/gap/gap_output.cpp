@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <numbers>
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/report.hpp"
@@ -91,9 +92,13 @@ std::string words(const Findings& f) {
         line("Free run on " + number_text(f.heldout_s, 3) + " s held out, wheel speed error in rad/s RMS:");
         for (const FreeRun& r : f.heldout) {
             line("  " + (r.window_s > 0 ? number_text(r.window_s, 3) + " s" : std::string("all")) + ": " +
-                 (r.nominal ? "given model " + number_text(*r.nominal, 3) + ", " : std::string()) +
-                 "before " + number_text(r.before, 3) + ", after " + number_text(r.after, 3) + ", noise " +
-                 number_text(f.floor_rad_per_s, 3));
+                 (r.nominal ? "given model " + number_text(r.nominal->both, 3) + ", " : std::string()) +
+                 "before " + number_text(r.before.both, 3) + ", after " + number_text(r.after.both, 3) +
+                 ", noise " + number_text(f.floor_rad_per_s, 3) +
+                 (f.turning
+                      ? std::string()
+                      : "; forward, without the wheels' difference, of which nothing is said: before " +
+                            number_text(r.before.forward, 3) + ", after " + number_text(r.after.forward, 3)));
         }
     }
     if (f.closed_loop) {
@@ -208,13 +213,20 @@ std::string json(const Findings& f, const Request& request) {
     heldout["signal_rms_rad_s"] = number(f.heldout_rms_rad_per_s);
     heldout["windows"] = Json::array();
     for (const FreeRun& r : f.heldout) {
-        Json one{{"nominal", r.nominal ? number(*r.nominal) : Json(nullptr)},
-                 {"before", number(r.before)},
-                 {"after", number(r.after)},
-                 {"floor", number(f.floor_rad_per_s)}};
+        const auto errors = [&](double SpeedError::*of, double floor_rad_per_s) {
+            return Json{{"nominal", r.nominal ? number(*r.nominal.*of) : Json(nullptr)},
+                        {"before", number(r.before.*of)},
+                        {"after", number(r.after.*of)},
+                        {"floor", number(floor_rad_per_s)}};
+        };
+        Json one = errors(&SpeedError::both, f.floor_rad_per_s);
+        // the mean of two sensors is noisy by the root of a half of one
+        const Json forward = errors(&SpeedError::forward, f.floor_rad_per_s / std::numbers::sqrt2);
         if (r.window_s == 0) {
             heldout["wheel_speed_rms_rad_s"] = one;
+            heldout["forward_rms_rad_s"] = forward;
         } else {
+            one["forward"] = forward;
             one["window_s"] = r.window_s;
             one["windows"] = r.windows;
             heldout["windows"].push_back(one);

@@ -87,6 +87,7 @@ class Searcher {
         forward();
         backward();
         exchange();
+        merge();
         drop_trifles();
         result_.after = fit(all_, shape_of(members_));
         result_.gap_after = cross_validated(all_, members_) / rows_;
@@ -599,6 +600,18 @@ class Searcher {
         }
     }
 
+    // What a rival is tried beside: the others as they are; and with left and right of each apart, for what
+    // is named instead of the rival may have hidden that they differ.
+    std::vector<Members> others_for(const Members& fewer) const {
+        std::vector<Members> all{fewer};
+        Members apart = fewer;
+        for (Way& m : apart) {
+            if (m.together && options_.turning) m = ways(m.effect).back();
+        }
+        if (unknowns(apart) > unknowns(fewer)) all.push_back(apart);
+        return all;
+    }
+
     // What another effect does better in a member's place goes for it, and a general effect for the special
     // case of it that does as well.
     void exchange() {
@@ -609,30 +622,67 @@ class Searcher {
                 members_[i] = *best;
             }
             const double bare = cross_validated(all_, fewer);
-            double mine = cross_validated(all_, with(fewer, members_[i]));
+            Members held = with(fewer, members_[i]);
+            double mine = cross_validated(all_, held);
             const std::size_t general = members_[i].effect;
-            std::optional<Way> better;
             for (std::size_t r = 0; r < model::kEffectCount; ++r) {
                 if (r == general || contains(fewer, r) || excluded(r)) continue;
-                const std::optional<Way> best = best_point(r, fewer, all_);
-                if (!best || !excited(*best)) continue;
-                const Members taken = with(fewer, *best);
-                const double sum = cross_validated(all_, taken);
-                if (sum > mine + 4 * kTied * (bare - mine)) continue;
-                const Members held = with(fewer, better ? *better : members_[i]);
-                const auto [now, then] = compared(held, taken);
-                const bool simpler = simplicity(*best) < simplicity(held.back());
-                const bool better_held = surely_less(now, then) || told_apart(held, taken);
-                const bool better_taken = surely_less(then, now) || told_apart(taken, held);
-                if (simpler ? !better_held : better_taken && !better_held && sum < mine) {
-                    better = best;
-                    mine = sum;
+                for (const Members& others : others_for(fewer)) {
+                    const std::optional<Way> best = best_point(r, others, all_);
+                    if (!best || !excited(*best)) continue;
+                    const Members taken = with(others, *best);
+                    const double sum = cross_validated(all_, taken);
+                    if (sum > mine + 4 * kTied * (bare - mine)) continue;
+                    const bool simpler =
+                        unknowns(others) <= unknowns(fewer) && simplicity(*best) < simplicity(held.back());
+                    const bool held_better = better(held, taken);
+                    if (simpler ? !held_better : better(taken, held) && !held_better && sum < mine) {
+                        held = taken;
+                        mine = sum;
+                    }
                 }
             }
-            if (!better) continue;
-            probability_[better->effect] = probability_of_last(all_, with(fewer, *better));
-            members_[i] = *better;
+            if (held.back().effect == general) continue;
+            probability_[held.back().effect] = probability_of_last(all_, held);
+            std::rotate(held.begin() + std::ptrdiff_t(i), held.end() - 1, held.end());
+            members_ = held;
         }
+    }
+
+    // One effect that leaves less than two of those found goes for both.
+    void merge() {
+        for (std::size_t i = base_members_; i < members_.size(); ++i) {
+            for (std::size_t j = i + 1; j < members_.size(); ++j) {
+                if (merge(i, j)) return merge();
+            }
+        }
+    }
+    bool merge(std::size_t i, std::size_t j) {
+        const Members fewer = without(without(members_, j), i);
+        Members held = members_;
+        double mine = cross_validated(all_, held);
+        for (std::size_t r = 0; r < model::kEffectCount; ++r) {
+            if (contains(members_, r) || excluded(r)) continue;
+            for (const Members& others : others_for(fewer)) {
+                const std::optional<Way> best = best_point(r, others, all_);
+                if (!best || !excited(*best)) continue;
+                const Members taken = with(others, *best);
+                const double sum = cross_validated(all_, taken);
+                if (!(sum < mine) || better(held, taken)) continue;
+                held = taken;
+                mine = sum;
+            }
+        }
+        if (held.size() == members_.size()) return false;
+        probability_[held.back().effect] = probability_of_last(all_, held);
+        members_ = held;
+        return true;
+    }
+
+    // Surely one rather than the other.
+    bool better(const Members& one, const Members& other) const {
+        const auto [first, second] = compared(one, other);
+        return surely_less(first, second) || told_apart(one, other);
     }
 
     // The first of each block's squares are less than the second, by more than chance and by more than a
@@ -652,6 +702,12 @@ class Searcher {
     static std::size_t unknowns(const Way& way) {
         return way.kind == Way::Kind::linear ? way.amounts.size()
                                              : model::kEffects[way.effect].parameters.size();
+    }
+
+    static std::size_t unknowns(const Members& members) {
+        std::size_t sum = 0;
+        for (const Way& m : members) sum += unknowns(m);
+        return sum;
     }
 
     // Linear in its parameters first, then fewer unknowns, then the catalogue's order.

@@ -27,6 +27,8 @@ constexpr double kBiasOfInterest_rad_per_s = 0.003;
 constexpr double kLagOfInterest_s = 0.004;
 constexpr double kSure = 5;  // standard errors
 constexpr double kGyroBlock_s = 1;
+constexpr double kDrivesCycle_s = 0.0005;  // of a filter that is known as if it ran continuously
+constexpr double kNoiseDoubt = 0.25;       // share of the gyro's noise that may be none, or coloured
 
 double median(std::vector<double> values) {
     if (values.empty()) return 0;
@@ -216,30 +218,76 @@ Eigen::Matrix3d wheels_noise(const std::vector<MeasuredLog>& logs, const model::
     return share > 0.5 ? Eigen::Matrix3d(noise * (0.5 / share)) : noise;
 }
 
-GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g,
-                 const Eigen::Matrix3d& noise, double lag_s) {
+// Variance of a log's white gyro noise, from third differences.
+double gyro_variance(const MeasuredLog& log) {
+    double sum = 0;
+    double count = 0;
+    for (std::size_t i = 3; i < log.samples.size(); ++i, ++count) {
+        sum += std::pow(log.samples[i].gyro_rad_per_s - log.samples[i - 3].gyro_rad_per_s +
+                            3 * (log.samples[i - 2].gyro_rad_per_s - log.samples[i - 1].gyro_rad_per_s),
+                        2);
+    }
+    return count > 0 ? sum / (20 * count) : 0.0;
+}
+
+// Sensors' white noise.
+struct Noise {
+    Eigen::Matrix3d wheels;    // of the regressors
+    std::vector<double> gyro;  // by log
+};
+
+// A first-order lag of what goes straight from sample to sample.
+struct Lag {
+    double keeps = 0, of_last = 0, of_this = 1;
+    Lag(double lag_s, double period_s) {
+        if (!(lag_s > 0)) return;
+        const double steps = period_s / lag_s;
+        keeps = std::exp(-steps);
+        const double mean = -std::expm1(-steps) / steps;
+        of_last = mean - keeps;
+        of_this = 1 - mean;
+    }
+    // of the variance of white noise
+    double share_left() const {
+        return (of_last * of_last + of_this * of_this + 2 * keeps * of_last * of_this) / (1 - keeps * keeps);
+    }
+};
+
+// Squares of the gyros' noise that a lag leaves, over the logs.
+double noise_squares(const std::vector<MeasuredLog>& logs, const Noise& noise, double lag_s) {
+    double sum = 0;
+    for (std::size_t l = 0; l < logs.size(); ++l)
+        sum += noise.gyro[l] * Lag(lag_s, logs[l].period_s).share_left() *
+               static_cast<double>(logs[l].samples.size());
+    return sum;
+}
+
+// Of how far the gyro, lagged so, is from the wheels. What noise makes is taken off: a lag smooths that of
+// the gyro, which would gain something without any lag in the wheels' report.
+GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, const Noise& noise,
+                 double lag_s) {
     struct Sum {
         Eigen::Matrix3d xx = Eigen::Matrix3d::Zero();
         Eigen::Vector3d xy = Eigen::Vector3d::Zero();
         double yy = 0;
     };
     std::vector<Sum> blocks;
-    for (const MeasuredLog& log : logs) {
+    for (std::size_t l = 0; l < logs.size(); ++l) {
+        const MeasuredLog& log = logs[l];
+        const Lag lag(lag_s, log.period_s);
+        const double noise_left = noise.gyro[l] * lag.share_left();
         double late = log.samples.front().gyro_rad_per_s;
-        const double share = lag_s > 0 ? -std::expm1(-log.period_s / lag_s) : 1.0;
         const auto length = static_cast<std::size_t>(std::max(4.0, kGyroBlock_s / log.period_s));
         for (std::size_t i = 0; i < log.samples.size(); ++i) {
             const MeasuredSample& s = log.samples[i];
-            // the rate between two samples is their mean's
-            const double between =
-                i == 0 ? s.gyro_rad_per_s : (s.gyro_rad_per_s + log.samples[i - 1].gyro_rad_per_s) / 2;
-            late = lag_s > 0 ? late + share * (between - late) : s.gyro_rad_per_s;
+            const double last = log.samples[i > 0 ? i - 1 : 0].gyro_rad_per_s;
+            late = lag.keeps * late + lag.of_last * last + lag.of_this * s.gyro_rad_per_s;
             if (i % length == 0) blocks.emplace_back();
             const Twist<double> u = model::twist_from_wheel_speeds(g, s.speed_rad_per_s);
             const Eigen::Vector3d x(1, u.omega_rad_per_s, u.v_m_per_s);
-            blocks.back().xx += x * x.transpose() - noise;
+            blocks.back().xx += x * x.transpose() - noise.wheels;
             blocks.back().xy += late * x;
-            blocks.back().yy += late * late;
+            blocks.back().yy += late * late - noise_left;
         }
     }
     GyroFit fit;
@@ -263,25 +311,11 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
     return fit;
 }
 
-// Sum of squares of the gyros' white noise, from second differences.
-double noise_squares(const std::vector<MeasuredLog>& logs) {
-    double sum = 0;
-    for (const MeasuredLog& log : logs) {
-        for (std::size_t i = 2; i < log.samples.size(); ++i) {
-            sum += std::pow(log.samples[i].gyro_rad_per_s - 2 * log.samples[i - 1].gyro_rad_per_s +
-                                log.samples[i - 2].gyro_rad_per_s,
-                            2) /
-                   6;
-        }
-    }
-    return sum;
-}
-
 // The lag at which the gyro looks most like the wheels, from a parabola through the best of a grid that is
 // refined.
-void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g,
-              const Eigen::Matrix3d& wheels, Sensors::Gyro& gyro) {
-    const auto left = [&](double lag_s) { return fit_gyro(logs, g, wheels, lag_s).total; };
+void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, const Noise& noise,
+              Sensors::Gyro& gyro) {
+    const auto left = [&](double lag_s) { return fit_gyro(logs, g, noise, lag_s).total; };
     constexpr double kMost_s = 0.4;
     double best = 0;
     double least = left(0);
@@ -293,7 +327,7 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
             best = lag;
         }
     }
-    const std::vector<double> without = fit_gyro(logs, g, wheels, 0).squares;
+    const std::vector<double> without = fit_gyro(logs, g, noise, 0).squares;
     if (best == 0) {
         gyro.lag_error_s = kLagOfInterest_s / kSure;
         return;
@@ -309,34 +343,39 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     }
     // one standard error: where each block's own loss, as noisy as the blocks are, balances the bend
     const double step = 0.1 * best;
-    const std::vector<double> low = fit_gyro(logs, g, wheels, best - step).squares;
-    const std::vector<double> high = fit_gyro(logs, g, wheels, best + step).squares;
+    const std::vector<double> low = fit_gyro(logs, g, noise, best - step).squares;
+    const std::vector<double> high = fit_gyro(logs, g, noise, best + step).squares;
     double bend = 0;
-    double noise = 0;
+    double scores = 0;
     for (std::size_t i = 0; i < low.size(); ++i) {
         bend += low[i] + high[i];
-        noise += std::pow((high[i] - low[i]) / (2 * step), 2);
+        scores += std::pow((high[i] - low[i]) / (2 * step), 2);
     }
     bend = (bend - 2 * least) / (step * step);
     gyro.lag_s = best;
-    gyro.lag_error_s = bend > 0 ? std::sqrt(noise) / bend : best;
+    gyro.lag_error_s = bend > 0 ? std::sqrt(scores) / bend : best;
     double gained = 0;
     double spread = 0;
-    const std::vector<double> with = fit_gyro(logs, g, wheels, best).squares;
+    const std::vector<double> with = fit_gyro(logs, g, noise, best).squares;
     for (std::size_t i = 0; i < with.size(); ++i) {
         gained += without[i] - with[i];
         spread += std::pow(without[i] - with[i], 2);
     }
-    // The lag smooths the gyro's own noise, which gains something without any lag in the wheels' report.
-    const double smoothed = noise_squares(logs);
+    // The noise is known to no more than this, beside what it makes.
+    const double doubt = kNoiseDoubt * noise_squares(logs, noise, 0);
     // Sure of it by all blocks, or because nearly all of what the gyro and the wheels differ by goes, if only
     // few blocks turn; and not next to nothing.
-    const bool sure = gained > kSure * std::sqrt(spread) / 2 || gained > none / 2 + 2 * smoothed;
-    if (!sure || gained < 0.02 * none + 2 * smoothed) {
+    const bool sure = gained > kSure * std::sqrt(spread) / 2 || gained > none / 2 + doubt;
+    if (!sure || gained < 0.02 * none + doubt) {
         gyro.lag_s = 0;
         gyro.lag_error_s = std::max(gyro.lag_error_s, best / kSure);
+        if (bend > 0) gyro.lag_error_s = std::max(gyro.lag_error_s, std::sqrt(0.4 * doubt / bend));
+    } else if (bend > 0) {
+        // by as much as the noise may be off, more or less of it seems smoothed
+        const double slope =
+            (noise_squares(logs, noise, best + step) - noise_squares(logs, noise, best - step)) / (2 * step);
+        gyro.lag_error_s = std::hypot(gyro.lag_error_s, kNoiseDoubt * slope / bend, kDrivesCycle_s / 2);
     }
-    if (bend > 0) gyro.lag_error_s = std::max(gyro.lag_error_s, std::sqrt(0.1 * smoothed / bend));
 }
 
 }  // namespace
@@ -360,9 +399,10 @@ Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geome
         return sensors;
     }
     Sensors::Gyro gyro;
-    const Eigen::Matrix3d wheels = wheels_noise(logs, geometry);
-    find_lag(logs, geometry, wheels, gyro);
-    const GyroFit fit = fit_gyro(logs, geometry, wheels, gyro.lag_s);
+    Noise noise{wheels_noise(logs, geometry), {}};
+    for (const MeasuredLog& log : logs) noise.gyro.push_back(gyro_variance(log));
+    find_lag(logs, geometry, noise, gyro);
+    const GyroFit fit = fit_gyro(logs, geometry, noise, gyro.lag_s);
     const auto error = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, fit.covariance(i, i))); };
     gyro.bias_rad_per_s = fit.value(0);
     gyro.bias_error = error(0);

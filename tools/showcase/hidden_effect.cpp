@@ -132,9 +132,9 @@ void HiddenEffect::add_to(Report& report) const {
     if (!findings.closed_loop) return;
     const gap::ClosedLoop& loop = *findings.closed_loop;
     if (!findings.heldout.empty()) {
-        report.add("free_run_before_rad_s", "free run on unseen data, before", findings.heldout.back().before,
-                   "rad/s");
-        report.add("free_run_after_rad_s", "after", findings.heldout.back().after, "rad/s");
+        report.add("free_run_before_rad_s", "free run on unseen data, before",
+                   findings.heldout.back().before.both, "rad/s");
+        report.add("free_run_after_rad_s", "after", findings.heldout.back().after.both, "rad/s");
     }
     const auto mm = [](const gap::FigureEight& drive) { return 1e3 * drive.rms_m; };
     if (loop.nominal)

@@ -78,8 +78,8 @@ TEST(GapSearch, names_each_effect_of_medium_size) {
                 "run %.3g -> %.3g\n",
                 hidden.parameters[0], hidden.parameters[1], f.search.closable_share, f.search.gap_refit,
                 f.search.gap_after, f.search.floor, f.search.left_torque_share, f.search.timing_samples,
-                f.search.timing_error, f.heldout.empty() ? 0.0 : f.heldout.back().before,
-                f.heldout.empty() ? 0.0 : f.heldout.back().after);
+                f.search.timing_error, f.heldout.empty() ? 0.0 : f.heldout.back().before.both,
+                f.heldout.empty() ? 0.0 : f.heldout.back().after.both);
             for (const auto& p : f.problems) std::printf("  problem: %s\n", p.c_str());
         }
     }
@@ -163,8 +163,8 @@ TEST(GapFindings, parameters_lie_within_their_intervals_and_the_free_run_comes_d
     DOUBLES_EQUAL(hidden.parameters[0], drag.value, 0.01 * hidden.parameters[0]);
     const gap::FreeRun& whole = f.heldout.back();
     DOUBLES_EQUAL(0, whole.window_s, 0);
-    CHECK(whole.before > 10 * whole.after);
-    CHECK(whole.after < 3 * f.floor_rad_per_s);
+    CHECK(whole.before.both > 10 * whole.after.both);
+    CHECK(whole.after.both < 3 * f.floor_rad_per_s);
     for (const char* field :
          {"\"verdict\": \"named\"", "\"drag_N_s2_per_m2\"", "\"interval_95\"", "\"closes\"", "\"rivals\"",
           "\"parameter_shift\"", "\"unknowable\"", "\"where\"", "\"detectable\"", "\"advice\"",
@@ -188,7 +188,7 @@ TEST(GapFindings, backlash_leaves_the_mass_as_it_is_and_makes_the_free_run_bette
     STRCMP_EQUAL(" backlash", names_of(f).c_str());
     DOUBLES_EQUAL(f.before.k7_per_kg_m, f.after.k7_per_kg_m, 0.01 * f.before.k7_per_kg_m);
     const gap::FreeRun& whole = f.heldout.back();
-    CHECK(whole.after < whole.before);
+    CHECK(whole.after.both < whole.before.both);
     // told is their product
     const auto& p = f.search.effects[0].parameters;
     DOUBLES_EQUAL(1, p[0].value * p[1].value / (0.08 * 0.003), 0.5);
