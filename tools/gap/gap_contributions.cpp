@@ -315,16 +315,24 @@ class MeasurementLagTerm : public Contribution {
         const double omega =
             u.omega_rad_per_s +
             p_[0] * (k.k6_per_m * product_ + k.k8_per_kg_m2 * (i.torque.difference() + late.difference()));
-        const double share = p_[0] > 0 ? -std::expm1(-i.dt_s / p_[0]) : 1.0;
-        square_ += share * (omega * omega - square_);
-        product_ += share * (v * omega - product_);
+        const double square = lagged(square_, omega * omega, i.dt_s);
+        const double product = lagged(product_, v * omega, i.dt_s);
         const WheelPair<double> products =
-            pair_for(s_, k.k5_m * (square_ - u.omega_rad_per_s * u.omega_rad_per_s),
-                     k.k6_per_m * (product_ - u.v_m_per_s * u.omega_rad_per_s), 1);
+            pair_for(s_, k.k5_m * (square - u.omega_rad_per_s * u.omega_rad_per_s),
+                     k.k6_per_m * (product - u.v_m_per_s * u.omega_rad_per_s), 1);
         return {late.left + products.left, late.right + products.right};
     }
 
   private:
+    // Mean over an interval in which the input is held.
+    double lagged(double& state, double input, double dt_s) const {
+        if (!(p_[0] > 0)) return input;
+        const double steps = dt_s / p_[0];
+        const double away = state - input;
+        state = input + away * model::exp_minus(steps);
+        return input + away * model::mean_exp_minus(steps);
+    }
+
     Parameters<double> p_;
     Setting s_;
     PathTerm<model::ActuatorLag> torque_;

@@ -33,14 +33,14 @@ std::string_view name_of(Motion motion) {
     return kNames[static_cast<std::size_t>(motion)];
 }
 
-Driver::Driver(const Robot& robot, std::vector<Motion> motions, double duration_s, Random& random)
+Driver::Driver(const Robot& robot, std::vector<Motion> motions, double duration_s, bool quick, Random& random)
     : robot_(robot),
       segment_s_(duration_s / static_cast<double>(motions.size())),
       gain_per_s_(random.uniform(3.0, 5.0)) {
-    for (const Motion motion : motions) segments_.push_back(draw(motion, random));
+    for (const Motion motion : motions) segments_.push_back(draw(motion, quick, random));
 }
 
-Driver::Segment Driver::draw(Motion motion, Random& random) const {
+Driver::Segment Driver::draw(Motion motion, bool quick, Random& random) const {
     Segment s;
     s.motion = motion;
     s.amplitude = random.uniform(0.5, 0.9);
@@ -50,7 +50,7 @@ Driver::Segment Driver::draw(Motion motion, Random& random) const {
     s.bits_seed = random.bits();
     switch (motion) {
         case Motion::prbs:
-            s.bit_s = random.log_uniform(0.05, 0.25);
+            s.bit_s = quick ? random.log_uniform(0.03, 0.1) : random.log_uniform(0.05, 0.25);
             break;
         case Motion::multisine:
             for (auto* sines : {&s.forward, &s.turning}) {

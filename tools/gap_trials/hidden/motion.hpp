@@ -39,8 +39,9 @@ struct TorqueProgramme {
 // follows.
 class Driver {
   public:
-    // Each motion takes the same time. At least one motion; duration_s > 0.
-    Driver(const Robot& robot, std::vector<Motion> motions, double duration_s, Random& random);
+    // Each motion takes the same time. At least one motion; duration_s > 0. A quick driver's prbs has shorter
+    // bits, for lags and delays of milliseconds.
+    Driver(const Robot& robot, std::vector<Motion> motions, double duration_s, bool quick, Random& random);
 
     // The command at t_s for the wheel speeds as measured; within the robot's torque limit. Call with growing
     // t_s.
@@ -78,7 +79,7 @@ class Driver {
     double torque_per_yaw() const {
         return robot_.effective_inertia_kg_m2() * robot_.wheel_radius_m / robot_.track_m;
     }
-    Segment draw(Motion motion, Random& random) const;
+    Segment draw(Motion motion, bool quick, Random& random) const;
     Pair from_torques(double forward, double turning) const;
     Twist reference(const Segment& segment, double t_s) const;
 

@@ -195,7 +195,7 @@ Run drive(const Trial& trial, const HiddenSet& hidden, const PlantMaker& make_pl
     Random driver_random(trial.plan.seed, trial.plan.stream * 4 + 1);
     Random noise_random(trial.plan.seed + (programme != nullptr ? kAnotherNoise : 0),
                         trial.plan.stream * 4 + 2);
-    Driver driver(trial.robot, trial.motions, trial.duration_s, driver_random);
+    Driver driver(trial.robot, trial.motions, trial.duration_s, trial.quick, driver_random);
     const std::unique_ptr<Plant> plant = make_plant(trial.robot, hidden);
     TorquePath path(hidden, trial.duration_s);
     SpeedReport report(hidden);
@@ -334,6 +334,7 @@ Trial drawn(const TrialPlan& plan, std::string_view plant_name, const PlantMaker
             trial.motions.resize(std::min<std::size_t>(trial.motions.size(), 1));
             trial.motions.insert(trial.motions.begin(), {Motion::prbs, Motion::chirp});
             trial.duration_s = kDurations_s.back();
+            trial.quick = true;
         }
     }
     if (!plan.motions.empty()) trial.motions = plan.motions;

@@ -66,6 +66,7 @@ struct Trial {
     std::vector<double> reached;  // size of each effect, as SizeKind says
     std::vector<Motion> motions;
     double duration_s = 0;
+    bool quick = false;  // with shorter bits in its prbs
     double rate_Hz = 0;
     bool gyro = false;
     double rms_torque_Nm = 0;   // commanded, both wheels
