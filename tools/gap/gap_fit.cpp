@@ -8,7 +8,7 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr Eigen::Index kK5 = 0, kK6 = 1, kK7 = 2, kK8 = 3, kFirstAmount = 4;
+constexpr Eigen::Index kK5 = 0, kK6 = 1, kK7 = 2, kK8 = 3;
 constexpr int kIterations = 8;
 constexpr double kOut = 1e20;
 

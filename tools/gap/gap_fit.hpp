@@ -22,6 +22,8 @@ struct ModelShape {
 
 using Blocks = std::vector<const Block*>;
 
+inline constexpr Eigen::Index kFirstAmount = 4;  // in Fit::value
+
 struct Fit {
     ModelShape shape;
     Eigen::VectorXd value;       // K5, K6, K7, K8, amounts

@@ -1,6 +1,5 @@
 // The search: which effects of the catalogue, if any, explain where measurement
-// and model part. docs/gap.md says how; the thresholds are here and nowhere
-// else.
+// and model part. docs/gap.md says how.
 #pragma once
 
 #include <array>
@@ -12,32 +11,9 @@
 #include "firmware/model/effects.hpp"
 #include "tools/gap/gap_errors.hpp"
 #include "tools/gap/gap_fit.hpp"
+#include "tools/gap/gap_thresholds.hpp"
 
 namespace wheelwright::gap {
-
-// Thresholds. Shares are of 1.
-inline constexpr double kSignificance = 0.01;         // of each test, after Holm over the catalogue,
-inline constexpr double kSignificanceAlone = 0.02;    // and of the first effect
-inline constexpr double kLeastShareOfClosable = 0.2;  // of the closable gap that is left
-inline constexpr double kLeastShareOfAll = 0.001;     // of the closable gap at first
-inline constexpr double kSizeOfInterest = 0.01;       // RMS of an effect's torque over RMS of the torque,
-inline constexpr double kSizeOfInterestAlone = kSizeOfInterest / 3;  // where nothing else is found
-inline constexpr double kSmallGap = 0.01;   // closable gap as a share of what torque does
-inline constexpr double kLargeGap = 0.03;   // left over: unexplained
-inline constexpr double kShareLeft = 0.10;  // of the closable torque, beside what was named: unexplained too
-// What depends on a place is unexplained from these shares of the torque on, where nothing or something was
-// named; in the latter case also of what all that explains. Columns that know nothing of an effect show part
-// of it only.
-inline constexpr double kShown = kSizeOfInterestAlone;
-inline constexpr double kShownBeside = kSizeOfInterest / 2;
-inline constexpr double kShareShownBeside = 0.2;
-inline constexpr double kAlike = 0.999;  // likeness in this log above which no log like it separates
-inline constexpr double kTied = 0.05;    // share of its gain that a rival may lose and still be tied
-// A rival's loss below these shares of the gain is none: no model of a robot is so exact; where it is what
-// both foretell, piece by piece, it is more surely the rival's.
-inline constexpr double kTrifleOfGain = 0.0005;
-inline constexpr double kTrifleOfGainForetold = 0.0001;
-inline constexpr std::size_t kMostEffects = 4;
 
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
 const char* verdict_name(Verdict verdict);

@@ -1,0 +1,322 @@
+#include "tools/gap/gap_evidence.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "tools/gap/gap_statistics.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+// Left and right of one kind, which are equal unless shown unequal: not those
+// that may have either sign, but where nothing turns.
+bool is_pair(std::size_t effect) {
+    const auto& p = model::kEffects[effect].parameters;
+    return p.size() == 2 && p[0].name.starts_with("left") && p[1].name.starts_with("right");
+}
+
+Blocks leave_out(const Blocks& blocks, std::size_t fold) {
+    Blocks rest;
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+        if (i % kFolds != fold) rest.push_back(blocks[i]);
+    }
+    return rest;
+}
+
+}  // namespace
+
+Members with(Members members, const Way& way) {
+    members.push_back(way);
+    return members;
+}
+Members without(Members members, std::size_t i) {
+    members.erase(members.begin() + static_cast<std::ptrdiff_t>(i));
+    return members;
+}
+bool contains(const Members& members, std::size_t effect) {
+    return std::any_of(members.begin(), members.end(), [&](const Way& m) { return m.effect == effect; });
+}
+
+Eigen::Index first_amount_of(const Members& members, std::size_t member) {
+    std::size_t at = 1;
+    for (std::size_t i = 0; i < member; ++i) at += members[i].amounts.size();
+    return kFirstAmount + static_cast<Eigen::Index>(at);
+}
+
+Eigen::VectorXd amounts_in(const Members& members, std::size_t member, const Fit& f) {
+    return f.value.segment(first_amount_of(members, member),
+                           static_cast<Eigen::Index>(members[member].amounts.size()));
+}
+
+std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member, const Fit& f,
+                                             const Setting& setting, std::size_t blocks) {
+    const Eigen::VectorXd amounts = amounts_in(members, member, f);
+    const Eigen::Index at = first_amount_of(members, member);
+    return estimates_of(members[member], amounts, f.covariance.block(at, at, amounts.size(), amounts.size()),
+                        setting, blocks);
+}
+
+bool apart(const Fit& f, Eigen::Index at) {
+    return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(difference_variance(f, at));
+}
+
+double difference_variance(const Fit& f, Eigen::Index at) {
+    return std::max(0.0, f.covariance(at, at) + f.covariance(at + 1, at + 1) - 2 * f.covariance(at, at + 1));
+}
+
+bool surely_less(const std::vector<double>& first, const std::vector<double>& second) {
+    std::vector<double> gain(first.size());
+    for (std::size_t b = 0; b < first.size(); ++b) gain[b] = second[b] - first[b];
+    const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
+    const double of = std::accumulate(first.begin(), first.end(), 0.0);
+    return sum > kTrifle * of && surely_positive(gain, kSignificance);
+}
+
+std::size_t unknowns(const Way& way) {
+    return way.kind == Way::Kind::linear ? way.amounts.size() : model::kEffects[way.effect].parameters.size();
+}
+
+std::size_t unknowns(const Members& members) {
+    std::size_t sum = 0;
+    for (const Way& m : members) sum += unknowns(m);
+    return sum;
+}
+
+std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
+    return {way.kind != Way::Kind::linear, unknowns(way), way.effect};
+}
+
+void note_point(const Members& members, std::size_t member, const Fit& f, const Setting& setting,
+                Points& points) {
+    const Way& way = members[member];
+    if (way.kind == Way::Kind::linear) return;
+    auto p = parameters_of(way, amounts_in(members, member, f), setting).first;
+    const auto& info = model::kEffects[way.effect].parameters;
+    for (std::size_t j = 0; j < info.size(); ++j) p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
+    points[way.effect] = p;
+}
+
+Evidence::Evidence(const BlockSet& train, const SearchOptions& options) : set_(train), options_(options) {
+    for (const Block& b : train.blocks) all_.push_back(&b);
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!options.base.active[i] && !options.given.contains(i)) continue;
+        const std::vector<Way> all = ways(i);
+        if (all.empty()) continue;
+        base_.push_back(all.back());  // a focus is the last
+        if (!options.given.contains(i)) continue;
+        base_.back().amounts.clear();
+        base_.back().free.clear();
+    }
+    base_fit_ = fit(all_, base_);
+    rows_ = row_count(all_, base_fit_.shape);
+}
+
+// The ways in which an effect may enter; those with fewer unknowns first.
+std::vector<Way> Evidence::ways(std::size_t effect) const {
+    const auto [first, end] = options_.dictionary->linear_columns(effect);
+    if (first == end) {
+        const std::span<const Way> all = options_.dictionary->ways(effect);
+        return {all.begin(), all.end()};
+    }
+    std::vector<Way> made;
+    const bool pair = is_pair(effect);
+    if (pair && (model::kEffects[effect].parameters[0].minimum >= 0 || !options_.turning)) {
+        Way way;
+        way.effect = effect;
+        way.together = true;
+        way.amounts.push_back({{first, first + 1}});
+        way.coordinate = {0};
+        made.push_back(way);
+        if (!options_.turning) return made;
+    }
+    Way way;
+    way.effect = effect;
+    double most = 0;
+    for (int c = first; c < end; ++c) most = std::max(most, set_.wheel_power(c, c));
+    for (int c = first; c < end; ++c) {
+        if (set_.wheel_power(c, c) <= kUnexcited * most) continue;
+        way.amounts.push_back({{c}});
+        way.coordinate.push_back(static_cast<unsigned>(c - first));
+    }
+    if (way.amounts.empty()) {
+        way.amounts.push_back({{first}});
+        way.coordinate.push_back(0);
+    }
+    made.push_back(way);
+    return made;
+}
+
+ModelShape Evidence::shape_of(const Members& members) const {
+    ModelShape shape;
+    shape.turning = options_.turning;
+    shape.amounts.push_back({{Dictionary::kTiming}});
+    for (const Way& m : members) {
+        shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());
+        shape.fixed.insert(shape.fixed.end(), m.fixed.begin(), m.fixed.end());
+    }
+    return shape;
+}
+
+Fit Evidence::fit(const Blocks& blocks, const Members& members, Spread spread) const {
+    return gap::fit(blocks, shape_of(members), spread);
+}
+
+// Squares of each block, left out of the fit.
+std::vector<double> Evidence::left_out(const Blocks& blocks, const Members& members) const {
+    std::vector<double> each(blocks.size());
+    for (std::size_t fold = 0; fold < std::min(kFolds, blocks.size()); ++fold) {
+        const Fit rest = fit(leave_out(blocks, fold), members, Spread::left_out);
+        for (std::size_t i = fold; i < blocks.size(); i += kFolds) each[i] = squares(*blocks[i], rest);
+    }
+    return each;
+}
+
+double Evidence::cross_validated(const Blocks& blocks, const Members& members) const {
+    const std::vector<double> each = left_out(blocks, members);
+    return std::accumulate(each.begin(), each.end(), 0.0);
+}
+
+double Evidence::reach(const Blocks& blocks, const Members& members) const {
+    std::vector<int> extra{Dictionary::kTiming};
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (excluded(i)) continue;
+        for (auto [c, end] = options_.dictionary->linear_columns(i); c < end; ++c) extra.push_back(c);
+    }
+    for (auto [c, end] = options_.dictionary->rich_columns(); c < end; ++c) extra.push_back(c);
+    return reachable_squares(blocks, shape_of(members), extra);
+}
+
+double Evidence::torque_share(double gap) const {
+    const double torque = torque_squares(all_, base_fit_) / rows_;
+    return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
+}
+
+bool Evidence::excluded(std::size_t effect) const {
+    return std::find(options_.excluded.begin(), options_.excluded.end(), effect) != options_.excluded.end();
+}
+
+bool Evidence::excited(const Way& way) const {
+    for (const Amount& amount : directions(way)) {
+        for (const int c : amount.columns) {
+            if (set_.wheel_power(c, c) > 0) return likeness(all_, base_fit_, directions(way), {}) < 1;
+        }
+    }
+    return false;
+}
+
+double Evidence::effect_torque_share(const Members& members, std::size_t member, const Fit& f) const {
+    const Way& way = members[member];
+    const Eigen::VectorXd amount = amounts_in(members, member, f);
+    Eigen::VectorXd p = Eigen::VectorXd::Zero(set_.wheel_power.cols());
+    for (std::size_t i = 0; i < way.amounts.size(); ++i) {
+        for (const int c : way.amounts[i].columns) p(c) += amount(Eigen::Index(i));
+    }
+    for (const int c : way.fixed) p(c) += 1;
+    return std::sqrt(std::max(0.0, p.dot(set_.wheel_power * p))) / std::max(1e-12, set_.torque_rms_Nm);
+}
+
+bool Evidence::in_range(const Members& members, std::size_t member, const Fit& f) const {
+    const Way& way = members[member];
+    const auto& info = model::kEffects[way.effect].parameters;
+    const Eigen::VectorXd amount = amounts_in(members, member, f);
+    if (way.kind == Way::Kind::linear) {
+        if (!model::kLinearInParameters[way.effect]) return true;
+        const Eigen::Index first = first_amount_of(members, member);
+        for (Eigen::Index i = 0; i < amount.size(); ++i) {
+            const double slack = 3 * f.error(first + i);
+            const auto& range = info[way.coordinate[std::size_t(i)]];
+            if (amount(i) < range.minimum - slack || amount(i) > range.maximum + slack) return false;
+        }
+        return true;
+    }
+    const auto [p, plausible] = parameters_of(way, amount, options_.dictionary->setting());
+    if (!plausible) return false;
+    for (std::size_t j = 0; j < info.size(); ++j) {
+        const double slack = 0.01 * (std::abs(way.at[j]) + 1e-6);
+        if (p[j] < info[j].minimum - slack || p[j] > info[j].maximum + slack) return false;
+    }
+    return true;
+}
+
+double Evidence::probability_of_last(const Blocks& blocks, const Members& members) const {
+    Members tested = members;
+    Way& last = tested.back();
+    last.amounts = directions(last);
+    last.fixed.clear();
+    const Fit f = fit(blocks, tested, Spread::plain);
+    const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
+    const auto n = static_cast<Eigen::Index>(last.amounts.size());
+    const double degrees = std::max(1.0, double(blocks.size()) - 4 - double(n));
+    return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
+}
+
+std::optional<Way> Evidence::best_point(std::size_t effect, const Members& members,
+                                        const Blocks& blocks) const {
+    std::optional<Way> best;
+    double least = std::numeric_limits<double>::infinity();
+    for (const Way& way : ways(effect)) {
+        const Members more = with(members, way);
+        // only what is linear has its errors looked at
+        const Fit f = fit(blocks, more, way.kind == Way::Kind::linear ? Spread::known : Spread::left_out);
+        if (!in_range(more, more.size() - 1, f)) continue;
+        // a closer look is preferred, for it goes on from where it is
+        const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
+        if (left >= least) continue;
+        least = left;
+        best = way;
+    }
+    return best;
+}
+
+Compared Evidence::compared(const Members& one, const Members& other) const {
+    return compared({left_out(all_, one), left_out(all_, other)}, one, other);
+}
+
+Compared Evidence::compared(const Compared& all, const Members& one, const Members& other) const {
+    const Fit a = fit(all_, one, Spread::left_out);
+    const Fit b = fit(all_, other, Spread::left_out);
+    std::vector<double> apart(all_.size());
+    for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_[i], a, b);
+    std::vector<std::size_t> order(apart.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return apart[i] > apart[j]; });
+    Compared parting;
+    for (const std::size_t i : order) {
+        if (parting.one.size() >= kFewestParting && apart[i] < kActs * apart[order.front()]) break;
+        parting.one.push_back(all.one[i]);
+        parting.other.push_back(all.other[i]);
+    }
+    return parting;
+}
+
+bool Evidence::told_apart(const Members& one, const Members& other) const {
+    const Fit a = fit(all_, one, Spread::left_out);
+    const Fit b = fit(all_, other, Spread::left_out);
+    std::vector<double> gain(all_.size());
+    std::vector<double> apart(all_.size());
+    for (std::size_t i = 0; i < all_.size(); ++i) {
+        const Blocks block{all_[i]};
+        gain[i] = squares(block, b) - squares(block, a);
+        apart[i] = squares_apart(*all_[i], a, b);
+    }
+    return surely_as_foretold(gain, apart, squares(all_, a) / rows_, kToldApart);
+}
+
+bool Evidence::better(const Members& one, const Members& other) const {
+    const auto [first, second] = compared(one, other);
+    return surely_less(first, second) || told_apart(one, other);
+}
+
+std::vector<Members> Evidence::others_for(const Members& fewer) const {
+    std::vector<Members> all{fewer};
+    Members apart = fewer;
+    for (Way& m : apart) {
+        if (m.together && options_.turning) m = ways(m.effect).back();
+    }
+    if (unknowns(apart) > unknowns(fewer)) all.push_back(apart);
+    return all;
+}
+
+}  // namespace wheelwright::gap

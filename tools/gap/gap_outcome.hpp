@@ -1,0 +1,30 @@
+// What is said of the effects that a search has found: their parameters and how far these are known, which
+// rivals are not ruled out, what else the log could have shown, and the verdict.
+#pragma once
+
+#include <cstddef>
+#include <map>
+#include <vector>
+
+#include "tools/gap/gap_evidence.hpp"
+#include "tools/gap/gap_search.hpp"
+
+namespace wheelwright::gap {
+
+// Fills `effects`, the one that closes most first, from `members`, `base_members`, `after` and the gaps, and
+// adds to `points` where rivals fit best. `probability` of each member, that it is not there.
+void describe_effects(const Evidence& evidence, const std::map<std::size_t, double>& probability,
+                      Search& found);
+
+// Of the closable gap, from -1 to 1: of `report`, blocks that took no part, or where there are none of those
+// that were fitted to.
+double closed_share(const Blocks& report, const Search& found);
+
+// The smallest size of each effect that the blocks could have shown beside the base: as certain as the
+// acceptance asks, and of interest.
+std::vector<Detectable> detectable(const Evidence& evidence);
+
+// `verdict` and its `reason`, from all else.
+void judge(const Evidence& evidence, Search& found);
+
+}  // namespace wheelwright::gap
