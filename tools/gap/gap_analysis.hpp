@@ -10,6 +10,7 @@
 
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/gap/closed_loop.hpp"
+#include "tools/gap/gap_heldout.hpp"
 #include "tools/gap/gap_search.hpp"
 #include "tools/gap/gap_sensors.hpp"
 
@@ -23,28 +24,6 @@ struct Request {
     std::optional<model::RobotParameters> robot;  // the given model
     std::vector<std::size_t> without;             // effects known not to be there; none of `robot`'s
     std::function<void(const std::string&)> progress = [](const std::string&) {};
-};
-
-// Simulated less measured wheel speeds, rad/s RMS: over both wheels, and of their mean, which is how the
-// robot goes forward. both^2 = forward^2 + that of half the wheels' difference^2: a model that says nothing
-// of turning leaves all of the latter.
-struct SpeedError {
-    double both = 0, forward = 0;
-};
-
-// Free run of the simulated robot over measured torque, against the measured wheel speeds.
-struct FreeRun {
-    double window_s = 0;  // 0: the whole part
-    std::size_t windows = 0;
-    std::optional<SpeedError> nominal;  // of the given model
-    SpeedError before, after;
-};
-
-struct Curve {  // residual as torque, both wheels' mean, in bins
-    std::vector<double> x, before, after;
-};
-struct Trace {
-    std::vector<double> t_s, measured, before, after;
 };
 
 struct Findings {

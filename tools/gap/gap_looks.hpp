@@ -1,0 +1,84 @@
+// Looks at the same logs, one after the other: each is a search, with columns made where the one before found
+// something. Which looks there are, and when one is taken back; their order is the analysis'.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tools/gap/gap_blocks.hpp"
+#include "tools/gap/gap_known.hpp"
+#include "tools/gap/gap_logs.hpp"
+#include "tools/gap/gap_search.hpp"
+
+namespace wheelwright::gap {
+
+// What is looked at, and what is known of it before.
+struct LookOptions {
+    model::Geometry<double> geometry;
+    model::EffectSet<double> base;  // that the given model has
+    Overview overview;
+    Parts parts;  // of logs that outlive the looks
+    Known known;
+};
+
+// A look: the dictionary, the blocks that were made with it, and what was found.
+struct Look {
+    Search search;
+    Dictionary dictionary;
+    BlockSet train, report;  // report: of the held-out part, without which it is empty
+};
+
+// first_model() comes first, and nothing after it if it has a problem.
+class Looks {
+  public:
+    explicit Looks(LookOptions options);
+
+    // K5..K8 without anything that the given model does not have: columns are made with them. The text: why
+    // these logs cannot be searched.
+    std::optional<std::string> first_model();
+
+    // At everything, over the same blocks and columns as the last time.
+    void look();
+    // Where much is missing, K5..K8 without it may be far off, and with them the columns of effects that act
+    // through them: what is there looks as if it were not.
+    void look_with_a_guess();
+    // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
+    // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
+    void look_closer(int broad);
+    // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
+    // Whether it is there still, once the others have found their places without it?
+    void look_without_the_least();
+
+    // The torques turn the robot: the turning equation is used.
+    bool turning() const { return turning_; }
+    // Pieces of the logs that the first model was fitted to.
+    std::size_t blocks() const { return blocks_; }
+    // The last look that was kept.
+    const Look& last() const { return *look_; }
+    // For another dictionary, with K5..K8 of the last look and as closely as any came to look.
+    Setting setting_found() const { return setting_for(dynamics_found()); }
+    // For other blocks of the parts learned from.
+    const BlockOptions& block_options() const { return block_options_; }
+
+  private:
+    model::Dynamics<double> dynamics_found() const;
+    Setting setting_for(const model::Dynamics<double>& dynamics) const;
+    Look put_aside();
+    void make(const model::Dynamics<double>& dynamics, Points points, bool grids);
+    bool turned_with_an_effect(const Fit& without) const;
+    void look_closer_at_events();
+    bool near_enough() const;
+
+    const LookOptions options_;
+    const BlockOptions block_options_;
+    bool turning_ = false;
+    std::size_t blocks_ = 0;
+    std::vector<std::size_t> only_;  // these are looked for, or, if none, all
+    int closer_looks_ = 0;
+    double event_spacing_s_ = 0;
+    std::optional<Look> look_;
+};
+
+}  // namespace wheelwright::gap
