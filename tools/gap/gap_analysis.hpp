@@ -27,9 +27,10 @@ struct Request {
 };
 
 struct Findings {
-    std::vector<std::string> problems;  // why a log cannot be used, or is suspect;
-                                        // then nothing else is set
-    std::vector<std::string> notes;     // of what was left out of a log or the search, and why
+    // Why a log cannot be used, or is suspect. Then nothing else is set but what was read of the logs: notes,
+    // faults, length, rate and noise, and what the gyro says.
+    std::vector<std::string> problems;
+    std::vector<std::string> notes;  // of what was left out of a log or the search, and why
     Search search;
     bool turning = false;  // the turning equation was used
     double duration_s = 0, rate_Hz = 0;

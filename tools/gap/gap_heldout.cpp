@@ -143,7 +143,7 @@ Curve torque_missing(std::span<const MeasuredLog> logs, const Models& models) {
     };
     std::array<Bin, kBins> bins;
     for (const Point& p : points) {
-        const double share = (p.speed_rad_per_s / fastest + 1) / 2;
+        const double share = fastest > 0 ? (p.speed_rad_per_s / fastest + 1) / 2 : 0.5;
         Bin& bin = bins[std::min(kBins - 1, static_cast<std::size_t>(share * double(kBins)))];
         bin.count += 1;
         bin.sum.speed_rad_per_s += p.speed_rad_per_s;

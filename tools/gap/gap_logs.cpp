@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdio>
 #include <iterator>
+#include <limits>
 
 #include "tools/ident/drive_samples.hpp"
 
@@ -59,11 +60,12 @@ bool turns(std::span<const MeasuredLog> logs, const model::Geometry<double>& geo
 
 // From when on the last file is held out.
 double held_out_from_s(const Logs& logs, const HeldOutPart& held_out) {
-    if (held_out.whole_file) return -1;
+    constexpr double kAll_s = std::numeric_limits<double>::lowest();
+    if (held_out.whole_file) return kAll_s;
     double driven = 0;
     for (std::size_t i = logs.last_file; i < logs.logs.size(); ++i) driven += duration_s(logs.logs[i]);
     double left = kHeldOutShare * driven;
-    double from = -1;
+    double from = kAll_s;
     for (std::size_t i = logs.logs.size(); i-- > logs.last_file && left > 0;) {
         const MeasuredLog& log = logs.logs[i];
         from = log.samples.back().t_s - std::min(left, duration_s(log));

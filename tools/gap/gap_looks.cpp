@@ -209,15 +209,15 @@ void Looks::look_without_the_least() {
 
 // Times of events are tried closer together, but not much closer than they can be told apart.
 void Looks::look_closer_at_events() {
-    constexpr double kCloser = 4;  // each look than the one before
+    constexpr double kCloserBy = 4;  // each look than the one before
     constexpr double kOfError = 0.75;
     const Setting& setting = look_->dictionary.setting();
-    double next_s = (event_spacing_s_ > 0 ? event_spacing_s_ : kEventSpacing * setting.span_s) / kCloser;
+    double next_s = (event_spacing_s_ > 0 ? event_spacing_s_ : kEventSpacing * setting.span_s) / kCloserBy;
     if (event_spacing_s_ > 0) next_s = std::max(next_s, kOfError * event_error_s(look_->search));
     event_spacing_s_ = std::max(next_s, 2 * setting.period_s);
 }
 
-// Whether the effects found lie where their columns were made: a tenth of a standard error.
+// Whether the effects found lie where their columns were made, within a fifth of a standard error.
 bool Looks::near_enough() const {
     const Search& s = look_->search;
     const Dictionary& dictionary = look_->dictionary;

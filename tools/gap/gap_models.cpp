@@ -11,8 +11,8 @@ namespace wheelwright::gap {
 namespace {
 
 constexpr double kShot_s = 5;
-constexpr double kSmall = 0.02;           // of the speeds
-constexpr Eigen::Index kFirstAmount = 5;  // after K5..K8 and the timing
+constexpr double kSmall = 0.02;                             // of the speeds
+constexpr Eigen::Index kFirstOfMembers = kFirstAmount + 1;  // after the timing
 
 double straight_k8_per_kg_m2(double k7_per_kg_m, double track_m) { return 4 * k7_per_kg_m / track_m; }
 
@@ -89,7 +89,7 @@ Fit nominal_fit(const Search& search, const model::RobotParameters& robot) {
     nominal.value.setZero();
     const model::Dynamics<double>& k = robot.dynamics;
     nominal.value.head<4>() << k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2;
-    Eigen::Index at = kFirstAmount;
+    Eigen::Index at = kFirstOfMembers;
     for (const Way& way : base_members(search)) {
         const model::Parameters<double> c = coordinates_of(way.effect, robot.effects.parameter[way.effect]);
         for (std::size_t i = 0; i < way.amounts.size(); ++i, ++at) {

@@ -157,6 +157,10 @@ std::vector<Stretch> stretches(std::span<const LogPart> parts, double length_s,
         const auto shortest = static_cast<std::size_t>(std::lround(kShortest_s / log.period_s));
         const auto bad = [&](std::size_t i) { return part.unusable != nullptr && (*part.unusable)[i]; };
         double heading = part.initial_heading_rad;
+        const auto turned = [&](std::size_t i) {
+            const auto u = model::twist_from_wheel_speeds(geometry, log.samples[i].speed_rad_per_s);
+            return log.period_s * u.omega_rad_per_s;
+        };
         for (std::size_t i = part.first; i < part.end;) {
             std::size_t end = i;
             while (end < part.end && !bad(end)) ++end;
@@ -166,14 +170,10 @@ std::vector<Stretch> stretches(std::span<const LogPart> parts, double length_s,
             for (std::size_t p = 0; p < pieces; ++p) {
                 const Stretch s{&log, from + (end - from) * p / pieces,
                                 from + (end - from) * (p + 1) / pieces, heading};
-                for (; i < s.end; ++i) {
-                    heading += log.period_s *
-                               model::twist_from_wheel_speeds(geometry, log.samples[i].speed_rad_per_s)
-                                   .omega_rad_per_s;
-                }
+                for (; i < s.end; ++i) heading += turned(i);
                 if (s.end - s.first > shortest) made.push_back(s);
             }
-            while (i < part.end && bad(i)) ++i;
+            for (; i < part.end && bad(i); ++i) heading += turned(i);
         }
     }
     return made;
