@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <random>
 #include <string>
 #include <utility>
 #include <vector>
@@ -148,6 +149,56 @@ TEST(GapSearch, a_delay_in_noise_is_told_from_a_lag) {
             analyse(test::hidden_log({"transport_delay", 0, {0.006}}, seed, 0.05, kDuration_s, kRate_Hz));
         STRCMP_EQUAL(" transport_delay", names_of(f).c_str());
         STRCMP_EQUAL("named", gap::verdict_name(f.search.verdict));
+    }
+}
+
+TEST_GROUP(GapSensors){};
+
+// The wheels' speeds are sums of sines, late by a first-order lag whose gain and phase are known; the gyro is
+// in time, and noisier than what the lag makes.
+TEST(GapSensors, a_lag_of_the_report_is_known_from_a_noisy_gyro) {
+    const model::Geometry<double> geometry{{0.081, 0.081}, 0.37};
+    for (const double rate_Hz : {100.0, 250.0, 500.0}) {
+        for (const double lag_s : {0.0, 0.009, 0.04}) {
+            std::mt19937_64 random(static_cast<std::uint64_t>(rate_Hz + 1e6 * lag_s));
+            std::normal_distribution<double> normal;
+            tools::MeasuredLog log;
+            log.period_s = 1 / rate_Hz;
+            log.has_gyro = true;
+            for (int i = 0; i < 40 * static_cast<int>(rate_Hz); ++i) {
+                const double t_s = i * log.period_s;
+                double yaw = 0, late_yaw = 0;
+                for (const double frequency_rad_per_s : {0.9, 2.3, 5.1, 11.7, 23.0}) {
+                    const double angle = frequency_rad_per_s * (t_s + 0.3);
+                    const double turned = lag_s * frequency_rad_per_s;
+                    yaw += 0.3 * std::sin(angle);
+                    late_yaw += 0.3 * std::sin(angle - std::atan(turned)) / std::hypot(1.0, turned);
+                }
+                const double late_forward =
+                    0.6 * std::sin(1.7 * t_s - std::atan(1.7 * lag_s)) / std::hypot(1.0, 1.7 * lag_s);
+                tools::MeasuredSample s;
+                s.t_s = t_s;
+                s.gyro_rad_per_s = yaw + 0.02 * normal(random);
+                const double radius_m = geometry.wheel_radius_m.left;
+                const double difference = late_yaw * geometry.track_m / 2;
+                s.speed_rad_per_s = {(late_forward - difference) / radius_m + 0.05 * normal(random),
+                                     (late_forward + difference) / radius_m + 0.05 * normal(random)};
+                log.samples.push_back(s);
+            }
+            const gap::Sensors sensors = gap::look_at_sensors({log}, geometry);
+            CHECK(sensors.gyro.has_value());
+            std::printf("%.0f Hz, lag %.3f s: %.5f +- %.5f s\n", rate_Hz, lag_s, sensors.gyro->lag_s,
+                        sensors.gyro->lag_error_s);
+            const bool named =
+                std::any_of(sensors.effects.begin(), sensors.effects.end(), [](const gap::SensorEffect& e) {
+                    return model::kEffects[e.effect].name == "measurement_lag";
+                });
+            CHECK_EQUAL(lag_s > 0, named);
+            if (named) {
+                DOUBLES_EQUAL(lag_s, sensors.gyro->lag_s, 3 * sensors.gyro->lag_error_s);
+                CHECK(sensors.gyro->lag_error_s < 0.1 * lag_s);
+            }
+        }
     }
 }
 
