@@ -342,7 +342,8 @@ TrialLine line_of(const Outcome& o, const std::string& hidden) {
             hidden,
             std::move(conditions),
             o.said,
-            judgement_of(o) + (o.truth.identifiable ? "" : ", not identifiable")};
+            judgement_of(o) + (o.truth.identifiable ? "" : ", not identifiable"),
+            o.confidently_wrong};
 }
 
 void count(MethodRow& row, const Outcome& o, const std::set<std::string>& expressible) {

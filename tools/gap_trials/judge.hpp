@@ -129,6 +129,7 @@ struct TrialLine {
     // "exact", "not named", "one of two", "named its rival, and said so", "a name too many", "wrong name",
     // "false alarm", "no answer"; with "not identifiable" where the oracle says so
     std::string judgement;
+    bool sure_and_wrong = false;  // Outcome::confidently_wrong
 };
 
 struct Excluded {
@@ -163,6 +164,7 @@ struct HeldOut {
     std::string id, hidden, size, said;
     std::string where;  // the first two places
     std::string judgement;
+    bool sure_and_wrong = false;  // Outcome::confidently_wrong
 };
 
 struct Summary {

@@ -128,6 +128,17 @@ Report trials_report(const Summary& summary, const TrialsRun& run, const PlantSu
         }
     }
 
+    report.section("sure_and_wrong", "Sure and wrong: a name that is not hidden, the hidden one no rival");
+    report.table("trials", {{"id", "log"},
+                            {"plant", "plant"},
+                            {"kind", "kind"},
+                            {"hidden", "hidden"},
+                            {"said", "named"},
+                            {"conditions", "conditions"}});
+    for (const TrialLine& t : summary.trials) {
+        if (t.sure_and_wrong) report.row({t.id, t.plant, t.kind, t.hidden, t.said, t.conditions});
+    }
+
     report.section("effects",
                    "Single effects named exactly, by size; excluded: the oracle calls them not identifiable");
     report.table("effects", {{"effect", "effect"},
