@@ -5,17 +5,10 @@
 #include <span>
 #include <string>
 #include <string_view>
-#include <vector>
+
+#include "firmware/task/robot_file_keys.hpp"
 
 namespace wheelwright::task {
-
-struct KnownKey {
-    std::string path;
-    std::string_view unit;
-};
-
-// Every key a robot file may have.
-std::vector<KnownKey> known_keys();
 
 // One clause without a full stop ("did you mean ...?"), or "" when nothing is near. `value` is the number
 // given.
