@@ -113,7 +113,6 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options) : set_(t
     rows_ = row_count(all_, base_fit_.shape);
 }
 
-// The ways in which an effect may enter; those with fewer unknowns first.
 std::vector<Way> Evidence::ways(std::size_t effect) const {
     const auto [first, end] = options_.dictionary->linear_columns(effect);
     if (first == end) {
@@ -163,7 +162,6 @@ Fit Evidence::fit(const Blocks& blocks, const Members& members, Spread spread) c
     return gap::fit(blocks, shape_of(members), spread);
 }
 
-// Squares of each block, left out of the fit.
 std::vector<double> Evidence::left_out(const Blocks& blocks, const Members& members) const {
     std::vector<double> each(blocks.size());
     for (std::size_t fold = 0; fold < std::min(kFolds, blocks.size()); ++fold) {

@@ -23,6 +23,7 @@ bool contains(const Members& members, std::size_t effect);
 Eigen::Index first_amount_of(const Members& members, std::size_t member);
 Eigen::VectorXd amounts_in(const Members& members, std::size_t member, const Fit& fit);
 
+// A member's parameters, in the catalogue's order and units, of a fit to so many blocks.
 std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member, const Fit& fit,
                                              const Setting& setting, std::size_t blocks);
 
@@ -71,6 +72,7 @@ class Evidence {
     bool excited(const Way& way) const;
 
     ModelShape shape_of(const Members& members) const;
+    // Costs as much as any fit (gap_fit.hpp); what judges below costs some of them.
     Fit fit(const Blocks& blocks, const Members& members, Spread spread = Spread::known) const;
 
     // Squares of each block, left out of the fit; and their sum.

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <utility>
 
 namespace wheelwright::gap {
@@ -52,10 +53,10 @@ std::optional<std::string> wrong_beside_gyro(const Sensors::Gyro& gyro) {
     const auto near = [&](double factor) { return std::abs(gyro.slope / factor - 1) < 0.2; };
     if (gyro.slope < 0 && std::abs(gyro.slope) > 20 * gyro.slope_error)
         return "gyro and wheels turn in opposite senses: are left and right swapped?";
-    if (near(2 * 3.14159265) || near(1 / (2 * 3.14159265))) {
+    if (near(2 * std::numbers::pi) || near(1 / (2 * std::numbers::pi))) {
         return "the wheels' yaw rate is off the gyro's by a factor near 2 pi: turns instead of radians?";
     }
-    if (near(1000) || near(0.001) || near(57.29578) || near(1 / 57.29578)) {
+    if (near(1000) || near(0.001) || near(180 / std::numbers::pi) || near(std::numbers::pi / 180)) {
         return "the wheels' yaw rate is off the gyro's by a factor of a unit: rad/s are expected";
     }
     return std::nullopt;
@@ -63,7 +64,6 @@ std::optional<std::string> wrong_beside_gyro(const Sensors::Gyro& gyro) {
 
 Known known_before(const Told& told, std::span<const std::size_t> left_out, double track_m) {
     constexpr double kShortLag_s = 0.003;
-    constexpr double kGapBehindLag = 0.06;  // a report that lags by much is known only so well
     Known known;
     known.excluded.assign(left_out.begin(), left_out.end());
     known.white_noise = !shows(told.effects, kCounts);

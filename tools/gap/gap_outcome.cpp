@@ -171,8 +171,6 @@ double closed_share(const Blocks& report, const Search& found) {
     return closable > 0 ? std::clamp((before - after) / closable, -1.0, 1.0) : 0.0;
 }
 
-// The smallest size that this log could have shown: as certain as the
-// acceptance asks, and of interest.
 std::vector<Detectable> detectable(const Evidence& evidence) {
     std::vector<Detectable> all_effects;
     const double infinity = std::numeric_limits<double>::infinity();

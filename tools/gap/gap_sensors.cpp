@@ -8,6 +8,7 @@
 #include <numbers>
 #include <span>
 
+#include "firmware/model/exponential.hpp"
 #include "tools/gap/gap_rows.hpp"
 
 namespace wheelwright::gap {
@@ -242,8 +243,8 @@ struct Lag {
     Lag(double lag_s, double period_s) {
         if (!(lag_s > 0)) return;
         const double steps = period_s / lag_s;
-        keeps = std::exp(-steps);
-        const double mean = -std::expm1(-steps) / steps;
+        keeps = model::exp_minus(steps);
+        const double mean = model::mean_exp_minus(steps);
         of_last = mean - keeps;
         of_this = 1 - mean;
     }

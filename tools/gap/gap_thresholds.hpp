@@ -51,6 +51,8 @@ inline constexpr double kNoBetter = 1.005;
 // The verdict. Closable gap as a share of what torque does: small; left over, unexplained.
 inline constexpr double kSmallGap = 0.01;
 inline constexpr double kLargeGap = 0.03;
+// The same behind a late report, which is known only so well.
+inline constexpr double kGapBehindLag = 0.06;
 // Share of the closable torque that is unexplained too, left beside what was named.
 inline constexpr double kShareLeft = 0.10;
 // What depends on a place is unexplained from these shares of the torque on, where nothing or something was
