@@ -10,6 +10,7 @@
 #include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_looks.hpp"
 #include "tools/gap/gap_models.hpp"
+#include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_rivals.hpp"
 
 namespace wheelwright::gap {
@@ -159,6 +160,8 @@ Findings analyse(const Request& request) {
     const Setting& setting = last.dictionary.setting();
     findings.search = last.search;
     Search& search = findings.search;
+    const BlockSet held_out = looks.held_out();
+    search.closable_share = closed_share(pointers(held_out), search);
     look_at_what_is_left(search, left_options(looks, parts.training, known));
     refine(search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
     name_voltage_drag(search.effects, request.without);

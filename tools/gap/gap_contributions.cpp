@@ -14,11 +14,14 @@ namespace {
 
 using model::Parameters;
 
+WheelPair<double> pair_of(double sum, double difference) {
+    return {(sum - difference) / 2, (sum + difference) / 2};
+}
+
 // The pair of wheel torques that changes forward speed and yaw rate by so much over an interval.
 WheelPair<double> pair_for(const Setting& s, double forward_m_per_s, double turning_rad_per_s, double dt_s) {
-    const double sum = forward_m_per_s / (s.dynamics.k7_per_kg_m * dt_s);
-    const double difference = turning_rad_per_s / (s.dynamics.k8_per_kg_m2 * dt_s);
-    return {(sum - difference) / 2, (sum + difference) / 2};
+    return pair_of(forward_m_per_s / (s.dynamics.k7_per_kg_m * dt_s),
+                   turning_rad_per_s / (s.dynamics.k8_per_kg_m2 * dt_s));
 }
 
 Twist<double> change(const Setting& s, const Interval& i) {
@@ -51,18 +54,48 @@ class PathTerm : public Contribution {
     WheelPair<Memory> memory_;
 };
 
+// By how much friction that falls over this speed has fallen along a log: what all the columns of it share.
+class StribeckFall {
+  public:
+    explicit StribeckFall(const Parameters<double>& p) : p_(p) {}
+
+    struct At {
+        WheelPair<double> sign, share;  // of the sliding, and of friction at rest
+    };
+    const At& over(const Interval& i) {
+        if (i.t_s == at_s_) return at_;
+        at_s_ = i.t_s;
+        const WheelPair<double> speed = i.speed();
+        at_.sign = {mean_sign(i.before.left, i.after.left), mean_sign(i.before.right, i.after.right)};
+        at_.share = {model::StribeckFriction::share_of_static(p_, speed.left),
+                     model::StribeckFriction::share_of_static(p_, speed.right)};
+        return at_;
+    }
+    bool is(const Parameters<double>& p) const { return p[2] == p_[2]; }
+
+  private:
+    Parameters<double> p_;
+    double at_s_ = -1e300;
+    At at_;
+};
+
 class StribeckTerm : public Contribution {
   public:
-    StribeckTerm(const Parameters<double>& p, const Setting&) : p_(p) {}
+    StribeckTerm(const Parameters<double>& p, const Setting&)
+        : p_(p), fall_(std::make_shared<StribeckFall>(p)) {}
     WheelPair<double> over(const Interval& i) override {
-        return {one(i.before.left, i.after.left), one(i.before.right, i.after.right)};
+        const auto& [sign, share] = fall_->over(i);
+        return {-sign.left * model::StribeckFriction::limit_of_share(p_, share.left),
+                -sign.right * model::StribeckFriction::limit_of_share(p_, share.right)};
+    }
+    void share(const Contribution& other) override {
+        const auto* stribeck = dynamic_cast<const StribeckTerm*>(&other);
+        if (stribeck != nullptr && stribeck->fall_->is(p_)) fall_ = stribeck->fall_;
     }
 
   private:
-    double one(double a, double b) const {
-        return -mean_sign(a, b) * model::StribeckFriction::dry_limit(p_, (a + b) / 2);
-    }
     Parameters<double> p_;
+    std::shared_ptr<StribeckFall> fall_;
 };
 
 // Where the fork of a castor of this arm and trail points along a log: what all the columns of it share.
@@ -278,27 +311,28 @@ class SlipTerm : public Contribution {
 // p[3], which the catalogue does not have: how far the load lies ahead of where the robot's mass seems to be.
 class PayloadTerm : public Contribution {
   public:
-    PayloadTerm(const Parameters<double>& p, const Setting& s)
-        : p_(p),
-          s_(s),
-          loaded_(model::PayloadStep::loaded(p, s.geometry, s.dynamics, s.dynamics.k5_m + p[3])) {}
+    PayloadTerm(const Parameters<double>& p, const Setting& s) : time_s_(p[0]), geometry_(s.geometry) {
+        const model::Dynamics<double>& k = s.dynamics;
+        const auto loaded = model::PayloadStep::loaded(p, s.geometry, k, k.k5_m + p[3]);
+        k5_ = (loaded.k5_m - k.k5_m) / k.k7_per_kg_m;
+        k7_ = (loaded.k7_per_kg_m - k.k7_per_kg_m) / k.k7_per_kg_m;
+        k6_ = (loaded.k6_per_m - k.k6_per_m) / k.k8_per_kg_m2;
+        k8_ = (loaded.k8_per_kg_m2 - k.k8_per_kg_m2) / k.k8_per_kg_m2;
+    }
     bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {
-        const double after = std::clamp((i.t_s + i.dt_s - p_[0]) / i.dt_s, 0.0, 1.0);
-        if (after == 0) return {};
-        const Twist<double> u = model::twist_from_wheel_speeds(s_.geometry, i.speed());
-        const auto& k = s_.dynamics;
-        const double forward = (loaded_.k5_m - k.k5_m) * u.omega_rad_per_s * u.omega_rad_per_s +
-                               (loaded_.k7_per_kg_m - k.k7_per_kg_m) * i.torque.sum();
-        const double turning = (loaded_.k6_per_m - k.k6_per_m) * u.v_m_per_s * u.omega_rad_per_s +
-                               (loaded_.k8_per_kg_m2 - k.k8_per_kg_m2) * i.torque.difference();
-        return pair_for(s_, after * forward, after * turning, 1);
+        const double since_s = i.t_s + i.dt_s - time_s_;
+        if (since_s <= 0) return {};
+        const double after = since_s < i.dt_s ? since_s / i.dt_s : 1.0;
+        const Twist<double> u = model::twist_from_wheel_speeds(geometry_, i.speed());
+        return pair_of(after * (k5_ * u.omega_rad_per_s * u.omega_rad_per_s + k7_ * i.torque.sum()),
+                       after * (k6_ * u.v_m_per_s * u.omega_rad_per_s + k8_ * i.torque.difference()));
     }
 
   private:
-    Parameters<double> p_;
-    Setting s_;
-    model::Dynamics<double> loaded_;
+    double time_s_;
+    model::Geometry<double> geometry_;
+    double k5_, k6_, k7_, k8_;  // what the load changes, as torque
 };
 
 // A first-order lag of the speeds reported is one of all that accelerates them: the torque and the products

@@ -4,7 +4,9 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <utility>
 
+#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_statistics.hpp"
 
 namespace wheelwright::gap {
@@ -17,12 +19,16 @@ bool is_pair(std::size_t effect) {
     return p.size() == 2 && p[0].name.starts_with("left") && p[1].name.starts_with("right");
 }
 
-Blocks leave_out(const Blocks& blocks, std::size_t fold) {
-    Blocks rest;
-    for (std::size_t i = 0; i < blocks.size(); ++i) {
-        if (i % kFolds != fold) rest.push_back(blocks[i]);
+void add(const Block& block, Block& sum) {
+    for (std::size_t e = 0; e < kEquations; ++e) {
+        sum.rows[e] += block.rows[e];
+        if (sum.product[e].size() == 0) {
+            sum.product[e] = block.product[e];
+        } else {
+            sum.product[e] += block.product[e];
+        }
     }
-    return rest;
+    sum.period_s = block.period_s;
 }
 
 }  // namespace
@@ -84,6 +90,10 @@ std::size_t unknowns(const Members& members) {
     return sum;
 }
 
+Spread spread_to_judge(const Way& way) {
+    return way.kind == Way::Kind::linear ? Spread::known : Spread::left_out;
+}
+
 std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
     return {way.kind != Way::Kind::linear, unknowns(way), way.effect};
 }
@@ -98,8 +108,17 @@ void note_point(const Members& members, std::size_t member, const Fit& f, const 
     points[way.effect] = p;
 }
 
-Evidence::Evidence(const BlockSet& train, const SearchOptions& options) : set_(train), options_(options) {
-    for (const Block& b : train.blocks) all_.push_back(&b);
+Sample::Sample(Blocks of) : blocks(std::move(of)), rest(std::min(kFolds, blocks.size())) {
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+        add(*blocks[i], whole);
+        for (std::size_t fold = 0; fold < rest.size(); ++fold) {
+            if (i % kFolds != fold) add(*blocks[i], rest[fold]);
+        }
+    }
+}
+
+Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
+    : set_(train), options_(options), all_(pointers(train)) {
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!options.base.active[i] && !options.given.contains(i)) continue;
         const std::vector<Way> all = ways(i);
@@ -110,7 +129,7 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options) : set_(t
         base_.back().free.clear();
     }
     base_fit_ = fit(all_, base_);
-    rows_ = row_count(all_, base_fit_.shape);
+    rows_ = row_count(all_.blocks, base_fit_.shape);
 }
 
 std::vector<Way> Evidence::ways(std::size_t effect) const {
@@ -158,36 +177,38 @@ ModelShape Evidence::shape_of(const Members& members) const {
     return shape;
 }
 
-Fit Evidence::fit(const Blocks& blocks, const Members& members, Spread spread) const {
-    return gap::fit(blocks, shape_of(members), spread);
+Fit Evidence::fit(const Sample& sample, const Members& members, Spread spread) const {
+    if (spread == Spread::left_out) return gap::fit({&sample.whole}, shape_of(members), spread);
+    return gap::fit(sample.blocks, shape_of(members), spread);
 }
 
-std::vector<double> Evidence::left_out(const Blocks& blocks, const Members& members) const {
-    std::vector<double> each(blocks.size());
-    for (std::size_t fold = 0; fold < std::min(kFolds, blocks.size()); ++fold) {
-        const Fit rest = fit(leave_out(blocks, fold), members, Spread::left_out);
-        for (std::size_t i = fold; i < blocks.size(); i += kFolds) each[i] = squares(*blocks[i], rest);
+std::vector<double> Evidence::left_out(const Sample& sample, const Members& members) const {
+    std::vector<double> each(sample.size());
+    const ModelShape shape = shape_of(members);
+    for (std::size_t fold = 0; fold < sample.rest.size(); ++fold) {
+        const Fit rest = gap::fit({&sample.rest[fold]}, shape, Spread::left_out);
+        for (std::size_t i = fold; i < each.size(); i += kFolds) each[i] = squares(*sample.blocks[i], rest);
     }
     return each;
 }
 
-double Evidence::cross_validated(const Blocks& blocks, const Members& members) const {
-    const std::vector<double> each = left_out(blocks, members);
+double Evidence::cross_validated(const Sample& sample, const Members& members) const {
+    const std::vector<double> each = left_out(sample, members);
     return std::accumulate(each.begin(), each.end(), 0.0);
 }
 
-double Evidence::reach(const Blocks& blocks, const Members& members) const {
+double Evidence::reach(const Sample& sample, const Members& members) const {
     std::vector<int> extra{Dictionary::kTiming};
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (excluded(i)) continue;
         for (auto [c, end] = options_.dictionary->linear_columns(i); c < end; ++c) extra.push_back(c);
     }
     for (auto [c, end] = options_.dictionary->rich_columns(); c < end; ++c) extra.push_back(c);
-    return reachable_squares(blocks, shape_of(members), extra);
+    return reachable_squares(sample.blocks, shape_of(members), extra);
 }
 
 double Evidence::torque_share(double gap) const {
-    const double torque = torque_squares(all_, base_fit_) / rows_;
+    const double torque = torque_squares(all_.blocks, base_fit_) / rows_;
     return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
 }
 
@@ -198,7 +219,7 @@ bool Evidence::excluded(std::size_t effect) const {
 bool Evidence::excited(const Way& way) const {
     for (const Amount& amount : directions(way)) {
         for (const int c : amount.columns) {
-            if (set_.wheel_power(c, c) > 0) return likeness(all_, base_fit_, directions(way), {}) < 1;
+            if (set_.wheel_power(c, c) > 0) return likeness(all_.blocks, base_fit_, directions(way), {}) < 1;
         }
     }
     return false;
@@ -238,26 +259,25 @@ bool Evidence::in_range(const Members& members, std::size_t member, const Fit& f
     return true;
 }
 
-double Evidence::probability_of_last(const Blocks& blocks, const Members& members) const {
+double Evidence::probability_of_last(const Sample& sample, const Members& members) const {
     Members tested = members;
     Way& last = tested.back();
     last.amounts = directions(last);
     last.fixed.clear();
-    const Fit f = fit(blocks, tested, Spread::plain);
+    const Fit f = fit(sample, tested, Spread::plain);
     const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
     const auto n = static_cast<Eigen::Index>(last.amounts.size());
-    const double degrees = std::max(1.0, double(blocks.size()) - 4 - double(n));
+    const double degrees = std::max(1.0, double(sample.size()) - 4 - double(n));
     return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
 }
 
 std::optional<Way> Evidence::best_point(std::size_t effect, const Members& members,
-                                        const Blocks& blocks) const {
+                                        const Sample& sample) const {
     std::optional<Way> best;
     double least = std::numeric_limits<double>::infinity();
     for (const Way& way : ways(effect)) {
         const Members more = with(members, way);
-        // only what is linear has its errors looked at
-        const Fit f = fit(blocks, more, way.kind == Way::Kind::linear ? Spread::known : Spread::left_out);
+        const Fit f = fit(sample, more, spread_to_judge(way));
         if (!in_range(more, more.size() - 1, f)) continue;
         // a closer look is preferred, for it goes on from where it is
         const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
@@ -276,7 +296,7 @@ Compared Evidence::compared(const Compared& all, const Members& one, const Membe
     const Fit a = fit(all_, one, Spread::left_out);
     const Fit b = fit(all_, other, Spread::left_out);
     std::vector<double> apart(all_.size());
-    for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_[i], a, b);
+    for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_.blocks[i], a, b);
     std::vector<std::size_t> order(apart.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
     std::sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return apart[i] > apart[j]; });
@@ -295,11 +315,11 @@ bool Evidence::told_apart(const Members& one, const Members& other) const {
     std::vector<double> gain(all_.size());
     std::vector<double> apart(all_.size());
     for (std::size_t i = 0; i < all_.size(); ++i) {
-        const Blocks block{all_[i]};
+        const Block& block = *all_.blocks[i];
         gain[i] = squares(block, b) - squares(block, a);
-        apart[i] = squares_apart(*all_[i], a, b);
+        apart[i] = squares_apart(block, a, b);
     }
-    return surely_as_foretold(gain, apart, squares(all_, a) / rows_, kToldApart);
+    return surely_as_foretold(gain, apart, squares(all_.blocks, a) / rows_, kToldApart);
 }
 
 bool Evidence::better(const Members& one, const Members& other) const {

@@ -35,6 +35,9 @@ void note_point(const Members& members, std::size_t member, const Fit& fit, cons
 std::size_t unknowns(const Way& way);
 std::size_t unknowns(const Members& members);
 
+// What in_range() needs: only of what is linear are errors looked at.
+Spread spread_to_judge(const Way& way);
+
 // Linear in its parameters first, then fewer unknowns, then the catalogue's order.
 std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way);
 
@@ -51,13 +54,25 @@ struct Compared {
     std::vector<double> one, other;
 };
 
+// Blocks that are fitted to together, and what sums of theirs stand for: a fit without errors is as quick as
+// one to a single block.
+struct Sample {
+    // The blocks must outlive it.
+    explicit Sample(Blocks of);
+    std::size_t size() const { return blocks.size(); }
+
+    Blocks blocks;
+    Block whole;
+    std::vector<Block> rest;  // without every kFolds-th from the first, the second, ... on
+};
+
 class Evidence {
   public:
     // Both must outlive it. Costs one fit.
     Evidence(const BlockSet& train, const SearchOptions& options);
 
     const BlockSet& set() const { return set_; }
-    const Blocks& blocks() const { return all_; }
+    const Sample& all() const { return all_; }
     const SearchOptions& options() const { return options_; }
     const Dictionary& dictionary() const { return *options_.dictionary; }
     const Members& base() const { return base_; }  // effects of the model, before any is found
@@ -73,24 +88,25 @@ class Evidence {
 
     ModelShape shape_of(const Members& members) const;
     // Costs as much as any fit (gap_fit.hpp); what judges below costs some of them.
-    Fit fit(const Blocks& blocks, const Members& members, Spread spread = Spread::known) const;
+    Fit fit(const Sample& sample, const Members& members, Spread spread = Spread::known) const;
 
     // Squares of each block, left out of the fit; and their sum.
-    std::vector<double> left_out(const Blocks& blocks, const Members& members) const;
-    double cross_validated(const Blocks& blocks, const Members& members) const;
+    std::vector<double> left_out(const Sample& sample, const Members& members) const;
+    double cross_validated(const Sample& sample, const Members& members) const;
     // What a model with free coefficients for everything smooth leaves, on blocks it was not fitted to.
-    double reach(const Blocks& blocks, const Members& members) const;
+    double reach(const Sample& sample, const Members& members) const;
 
     // As the RMS of torque that would do the same, over the RMS of the torque: a gap, and a member.
     double torque_share(double gap) const;
     double effect_torque_share(const Members& members, std::size_t member, const Fit& fit) const;
 
-    // A member is within its physical range: a friction that drives is none.
+    // A member is within its physical range: a friction that drives is none. `fit`: by spread_to_judge() of
+    // the member.
     bool in_range(const Members& members, std::size_t member, const Fit& fit) const;
     // That the last member is not there. One at a focus is taken as a whole for it.
-    double probability_of_last(const Blocks& blocks, const Members& members) const;
+    double probability_of_last(const Sample& sample, const Members& members) const;
     // The best of an effect's points in range, beside the members.
-    std::optional<Way> best_point(std::size_t effect, const Members& members, const Blocks& blocks) const;
+    std::optional<Way> best_point(std::size_t effect, const Members& members, const Sample& sample) const;
 
     Compared compared(const Members& one, const Members& other) const;
     Compared compared(const Compared& all, const Members& one, const Members& other) const;
@@ -106,7 +122,7 @@ class Evidence {
   private:
     const BlockSet& set_;
     const SearchOptions& options_;
-    Blocks all_;
+    Sample all_;
     Members base_;
     Fit base_fit_;
     double rows_ = 1;

@@ -8,166 +8,111 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr Eigen::Index kK5 = 0, kK6 = 1, kK7 = 2, kK8 = 3;
+constexpr Eigen::Index kK5 = product_of(kLinear), kK6 = product_of(kTurning);
+constexpr Eigen::Index kK7 = gain_of(kLinear), kK8 = gain_of(kTurning);
 constexpr int kIterations = 8;
 constexpr double kOut = 1e20;
 
-Eigen::Index width(const Blocks& blocks) {
+Eigen::Index measured_column(const Blocks& blocks) {
     return blocks.empty() ? 0 : blocks.front()->product[kLinear].rows() - 1;
 }
 
-// The columns that a model needs, y last, and where each of its amounts' stand among them.
-struct Used {
-    std::vector<int> column;
-    std::vector<std::vector<Eigen::Index>> amount;
-    std::vector<Eigen::Index> fixed;
-    Eigen::Index product = 0, torque = 1, y = 0;
-};
+using Products = std::array<Eigen::MatrixXd, kEquations>;  // by direction
+using Tangents = std::array<Tangent, kEquations>;
 
-Eigen::Index place(std::vector<int>& columns, int column) {
-    const auto found = std::find(columns.begin(), columns.end(), column);
-    if (found != columns.end()) return found - columns.begin();
-    columns.push_back(column);
-    return static_cast<Eigen::Index>(columns.size()) - 1;
+Products sum_of(const Blocks& blocks, const Directions& directions) {
+    return {by_direction(blocks, kLinear, directions), by_direction(blocks, kTurning, directions)};
 }
 
-Used used_by(const Blocks& blocks, const ModelShape& shape) {
-    Used used;
-    used.column = {Dictionary::kProduct, Dictionary::kTorque};
-    for (const Amount& amount : shape.amounts) {
-        used.amount.emplace_back();
-        for (const int c : amount.columns) used.amount.back().push_back(place(used.column, c));
+Tangents tangents(const Directions& directions) {
+    return {Tangent(directions, kLinear), Tangent(directions, kTurning)};
+}
+
+// The rows of a fit's equations, in its columns.
+std::array<Combination, kEquations> rows_of(const Fit& fit, Eigen::Index measured) {
+    const Directions directions(fit.shape, measured);
+    std::array<Combination, kEquations> rows;
+    for (std::size_t e = 0; e < fit.shape.equations(); ++e) {
+        Tangent tangent(directions, e);
+        tangent.move(fit.value);
+        rows[e] = directions.combination(tangent.row());
     }
-    for (const int c : shape.fixed) used.fixed.push_back(place(used.column, c));
-    used.y = place(used.column, static_cast<int>(width(blocks)));
-    return used;
-}
-
-using Products = std::array<Eigen::MatrixXd, kEquations>;
-
-Eigen::MatrixXd picked(const Eigen::MatrixXd& product, const std::vector<int>& columns) {
-    return product(columns, columns);
-}
-
-Products sum_of(const Blocks& blocks, const Used& used) {
-    Products sum;
-    const auto size = static_cast<Eigen::Index>(used.column.size());
-    for (std::size_t e = 0; e < kEquations; ++e) {
-        sum[e] = Eigen::MatrixXd::Zero(size, size);
-        for (const Block* block : blocks) sum[e] += picked(block->product[e], used.column);
-    }
-    return sum;
-}
-
-// Coefficients of the columns with -1 for y, and their derivatives.
-struct Coefficients {
-    std::array<Eigen::VectorXd, kEquations> value;
-    std::array<Eigen::MatrixXd, kEquations> slope;
-};
-
-Coefficients coefficients(const Used& used, const Eigen::VectorXd& p, bool slopes) {
-    Coefficients c;
-    const auto size = static_cast<Eigen::Index>(used.column.size());
-    for (std::size_t e = 0; e < kEquations; ++e) {
-        const Eigen::Index product = e == kLinear ? kK5 : kK6;
-        const Eigen::Index gain = e == kLinear ? kK7 : kK8;
-        Eigen::VectorXd& value = c.value[e];
-        value = Eigen::VectorXd::Zero(size);
-        value(used.y) = -1;
-        value(used.product) = p(product);
-        value(used.torque) = p(gain);
-        for (std::size_t i = 0; i < used.amount.size(); ++i) {
-            for (const Eigen::Index column : used.amount[i]) {
-                value(column) += p(gain) * p(kFirstAmount + Eigen::Index(i));
-            }
-        }
-        for (const Eigen::Index column : used.fixed) value(column) += p(gain);
-        if (!slopes) continue;
-        Eigen::MatrixXd& slope = c.slope[e];
-        slope = Eigen::MatrixXd::Zero(size, p.size());
-        slope(used.product, product) = 1;
-        slope(used.torque, gain) = 1;
-        for (std::size_t i = 0; i < used.amount.size(); ++i) {
-            const Eigen::Index at = kFirstAmount + Eigen::Index(i);
-            for (const Eigen::Index column : used.amount[i]) {
-                slope(column, gain) += p(at);
-                slope(column, at) += p(gain);
-            }
-        }
-        for (const Eigen::Index column : used.fixed) slope(column, gain) += 1;
-    }
-    return c;
+    return rows;
 }
 
 // What nothing tells stays near zero: variances of priors, so wide that no log
 // notices them.
-Eigen::VectorXd prior_precision(const Used& used, const ModelShape& shape, const Products& sum,
-                                double timing_range) {
+Eigen::VectorXd prior_precision(const Blocks& blocks, const ModelShape& shape, const Directions& directions,
+                                const Products& sum) {
+    const double timing_range = timing_range_samples(blocks.front()->period_s);
     Eigen::VectorXd precision(kFirstAmount + Eigen::Index(shape.amounts.size()));
     precision(kK5) = 1 / (0.5 * 0.5);
     precision(kK6) = 1 / (50.0 * 50.0);
     precision(kK7) = precision(kK8) = 1e-9;
-    for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
-        if (shape.amounts[i].columns.front() == Dictionary::kTiming) {
-            precision(kFirstAmount + Eigen::Index(i)) = 1 / (timing_range * timing_range);
+    const double torque = sum[kLinear](Directions::kTorque, Directions::kTorque) +
+                          sum[kTurning](Directions::kTorque, Directions::kTorque);
+    for (Eigen::Index i = 0; i < directions.amounts(); ++i) {
+        const Amount& amount = shape.amounts[std::size_t(i)];
+        if (amount.columns.front() == Dictionary::kTiming) {
+            precision(kFirstAmount + i) = 1 / (timing_range * timing_range);
             continue;
         }
-        if (shape.amounts[i].expected > 0) {
-            precision(kFirstAmount + Eigen::Index(i)) = std::pow(shape.amounts[i].expected, -2);
+        if (amount.expected > 0) {
+            precision(kFirstAmount + i) = std::pow(amount.expected, -2);
             continue;
         }
         // ten times the torque that was commanded
         double column = 0;
-        for (const Eigen::Index c : used.amount[i]) {
-            for (std::size_t e = 0; e < kEquations; ++e) column += sum[e](c, c);
+        for (const Block* block : blocks) {
+            for (const Eigen::MatrixXd& product : block->product) column += directions.power(product, i);
         }
-        const double torque =
-            sum[kLinear](used.torque, used.torque) + sum[kTurning](used.torque, used.torque);
-        precision(kFirstAmount + Eigen::Index(i)) = 1e-9 + (torque > 0 ? 1e-2 * column / torque : 0.0);
+        precision(kFirstAmount + i) = 1e-9 + (torque > 0 ? 1e-2 * column / torque : 0.0);
     }
     return precision;
 }
 
 // Each equation by itself is linear in its coefficients: with them the
 // iteration starts near its end.
-void start(const Products& sum, const Used& used, const ModelShape& shape, Eigen::VectorXd& p) {
-    const auto count = Eigen::Index(shape.amounts.size());
-    const auto size = static_cast<Eigen::Index>(used.column.size());
+Eigen::VectorXd start(const Products& sum, const ModelShape& shape, const Directions& directions) {
+    const Eigen::Index count = directions.amounts();
+    Eigen::VectorXd p = Eigen::VectorXd::Zero(kFirstAmount + count);
     Eigen::VectorXd weight = Eigen::VectorXd::Zero(count);
-    for (std::size_t e = 0; e < (shape.turning ? kEquations : kTurning); ++e) {
-        Eigen::MatrixXd pick = Eigen::MatrixXd::Zero(size, 2 + count);
-        pick(used.product, 0) = 1;
-        pick(used.torque, 1) = 1;
-        for (const Eigen::Index column : used.fixed) pick(column, 1) = 1;
-        for (Eigen::Index i = 0; i < count; ++i) {
-            for (const Eigen::Index column : used.amount[std::size_t(i)]) pick(column, 2 + i) = 1;
-        }
-        Eigen::MatrixXd normal = pick.transpose() * sum[e] * pick;
+    constexpr Eigen::Index kTorque = Directions::kTorque;
+    const Eigen::Index fixed = directions.fixed();
+    for (std::size_t e = 0; e < shape.equations(); ++e) {
+        // what is fixed goes with the torque
+        Eigen::MatrixXd normal = sum[e].topLeftCorner(fixed, fixed);
+        Eigen::VectorXd seen = sum[e].col(directions.y()).head(fixed);
+        normal.col(kTorque) += sum[e].col(fixed).head(fixed);
+        normal.row(kTorque) = normal.col(kTorque).transpose();
+        normal(kTorque, kTorque) += sum[e](kTorque, fixed) + sum[e](fixed, fixed);
+        seen(kTorque) += sum[e](fixed, directions.y());
         const Eigen::VectorXd own = normal.diagonal();
         // what the torque itself tells is not put into an amount: each equation would share it out
         // differently
-        for (Eigen::Index i = 0; i < own.size(); ++i) normal(i, i) += (i < 2 ? 1e-7 : 1e-3) * own(i) + 1e-12;
-        const Eigen::VectorXd c = normal.ldlt().solve(pick.transpose() * sum[e].col(used.y));
-        p(e == kLinear ? kK5 : kK6) = c(0);
-        p(e == kLinear ? kK7 : kK8) = c(1);
-        if (!(c(1) > 0)) continue;
+        for (Eigen::Index i = 0; i < fixed; ++i)
+            normal(i, i) += (i < Directions::kAmounts ? 1e-7 : 1e-3) * own(i) + 1e-12;
+        const Eigen::VectorXd c = normal.ldlt().solve(seen);
+        const double gain = c(kTorque);
+        p(product_of(e)) = c(Directions::kProduct);
+        p(gain_of(e)) = gain;
+        if (!(gain > 0)) continue;
         for (Eigen::Index i = 0; i < count; ++i) {
-            const double w = c(1) * c(1) * own(2 + i);
-            p(kFirstAmount + i) += w * c(2 + i) / c(1);
+            const double w = gain * gain * own(Directions::kAmounts + i);
+            p(kFirstAmount + i) += w * c(Directions::kAmounts + i) / gain;
             weight(i) += w;
         }
     }
     for (Eigen::Index i = 0; i < count; ++i) {
         if (weight(i) > 0) p(kFirstAmount + i) /= weight(i);
     }
+    return p;
 }
-
-double square_of(const Eigen::MatrixXd& product, const Eigen::VectorXd& c) { return c.dot(product * c); }
 
 // Covariance from the blocks' scores, as they are or each set right for what it has pulled the fit to itself:
 // "CR2" of Bell and McCaffrey, Survey Methodology 28 (2002), in coordinates in which the normal matrix is
 // one.
-Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Used& used, const Coefficients& c,
+Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Directions& directions, Tangents& tangent,
                                      const Eigen::MatrixXd& normal, std::size_t equations, bool set_right) {
     constexpr double kAlone = 1e-3;  // share of what is known of a direction that the others must tell
     const Eigen::VectorXd scale = normal.diagonal().cwiseSqrt().cwiseInverse();
@@ -177,11 +122,9 @@ Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Used& used, con
     for (const Block* block : blocks) {
         Eigen::VectorXd score = Eigen::VectorXd::Zero(size);
         Eigen::MatrixXd own = Eigen::MatrixXd::Zero(size, size);
-        for (std::size_t e = 0; e < equations; ++e) {
-            const Eigen::MatrixXd weighted = picked(block->product[e], used.column) * c.slope[e];
-            score -= weighted.transpose() * c.value[e];
-            own += c.slope[e].transpose() * weighted;
-        }
+        for (std::size_t e = 0; e < equations; ++e)
+            tangent[e].add(by_direction(block->product[e], directions), own, score);
+        own.triangularView<Eigen::StrictlyUpper>() = own.transpose();
         score = root.matrixL().solve(scale.cwiseProduct(score));
         if (!set_right) {
             const double n = double(blocks.size());
@@ -219,48 +162,55 @@ double row_count(const Blocks& blocks, const ModelShape& shape) {
 Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     Fit result;
     result.shape = shape;
-    const Eigen::Index size = kFirstAmount + Eigen::Index(shape.amounts.size());
-    Eigen::VectorXd& p = result.value;
-    p = Eigen::VectorXd::Zero(size);
-    const Used used = used_by(blocks, shape);
-    const Products sum = sum_of(blocks, used);
-    const std::size_t equations = shape.turning ? kEquations : kTurning;
+    const Directions directions(shape, measured_column(blocks));
+    const Products sum = sum_of(blocks, directions);
+    const std::size_t equations = shape.equations();
     const double timing_range = timing_range_samples(blocks.front()->period_s);
-    start(sum, used, shape, p);
-    Eigen::VectorXd prior = prior_precision(used, shape, sum, timing_range);
+    const Eigen::Index size = kFirstAmount + directions.amounts();
+    Eigen::VectorXd& p = result.value;
+    p = start(sum, shape, directions);
+    Eigen::VectorXd prior = prior_precision(blocks, shape, directions, sum);
     if (!shape.turning) prior(kK5) = kOut;  // a yaw rate that is noise alone tells nothing of it
     Eigen::VectorXd centre = Eigen::VectorXd::Zero(size);
-    Eigen::MatrixXd normal;
-    const auto missed = [&](const Eigen::VectorXd& at) {
-        const Coefficients c = coefficients(used, at, false);
-        double total = prior.dot((at - centre).cwiseAbs2());
-        for (std::size_t e = 0; e < equations; ++e) total += square_of(sum[e], c.value[e]);
+    Eigen::MatrixXd normal(size, size);
+    Eigen::VectorXd gradient(size);
+    Eigen::LDLT<Eigen::MatrixXd> solver(size);
+    Tangents tangent = tangents(directions);
+    const auto squares_at = [&](const Eigen::VectorXd& at) {
+        double total = 0;
+        for (std::size_t e = 0; e < equations; ++e) {
+            tangent[e].move(at);
+            total += tangent[e].squares(sum[e]);
+        }
         return total;
+    };
+    const auto missed = [&](const Eigen::VectorXd& at) {
+        return prior.dot((at - centre).cwiseAbs2()) + squares_at(at);
     };
     constexpr double kSettled = 1e-6;  // of a variance of the noise
     // K8 times a bias tells neither where no torque turns the robot: whole steps may lead away for good, and
     // so do halved ones get there slowly. So whole ones first.
     const auto iterate = [&](int halvings) {
         Eigen::VectorXd best = p;
-        double least = missed(p);
+        double now = missed(p);
+        double least = now;
         for (int iteration = 0; iteration < kIterations; ++iteration) {
-            const Coefficients c = coefficients(used, p, true);
+            const double before = now;
             normal = prior.asDiagonal();
-            Eigen::VectorXd gradient = prior.cwiseProduct(centre - p);
+            gradient = prior.cwiseProduct(centre - p);
             for (std::size_t e = 0; e < equations; ++e) {
-                const Eigen::MatrixXd weighted = sum[e] * c.slope[e];
-                normal += c.slope[e].transpose() * weighted;
-                gradient -= weighted.transpose() * c.value[e];
+                tangent[e].move(p);
+                tangent[e].add(sum[e], normal, gradient);
             }
-            const double before = missed(p);
-            Eigen::VectorXd step = normal.ldlt().solve(gradient);
+            solver.compute(normal);
+            Eigen::VectorXd step = solver.solve(gradient);
             const Eigen::VectorXd from = p;
             p += step;
-            double after = missed(p);
-            for (int half = 0; half < halvings && !(after <= before); ++half) {
+            now = missed(p);
+            for (int half = 0; half < halvings && !(now <= before); ++half) {
                 step /= 2;
                 p = from + step;
-                after = missed(p);
+                now = missed(p);
             }
             bool held = false;
             for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
@@ -272,24 +222,23 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
                 held = held || prior(at) != kOut;
                 prior(at) = kOut;
             }
-            if (held) least = after = missed(p);
-            if (held || after < least) {
-                least = after;
+            if (held) least = now = missed(p);
+            if (held || now < least) {
+                least = now;
                 best = p;
             }
-            if (!held && std::abs(before - after) < kSettled * (1 + kSettled * before)) return true;
+            if (!held && std::abs(before - now) < kSettled * (1 + kSettled * before)) return true;
         }
         p = best;
         return false;
     };
     constexpr int kHalvings = 12;
     if (!iterate(0)) iterate(kHalvings);
-    result.squares = squares(blocks, result);
+    result.squares = squares_at(p);
     result.rows = row_count(blocks, shape);
     if (spread == Spread::left_out) return result;
     const bool plain = spread == Spread::plain;
-    result.covariance =
-        covariance_of_blocks(blocks, used, coefficients(used, p, true), normal, equations, !plain);
+    result.covariance = covariance_of_blocks(blocks, directions, tangent, normal, equations, !plain);
     // Never below what independent rows of the residual's level would give: what one block alone tells has
     // no spread between blocks.
     const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));
@@ -304,32 +253,25 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
 double squares(const Block& block, const Fit& fit) { return squares(Blocks{&block}, fit); }
 
 double squares(const Blocks& blocks, const Fit& fit) {
-    if (blocks.empty()) return 0;
-    const Used used = used_by(blocks, fit.shape);
-    const Coefficients c = coefficients(used, fit.value, false);
+    const auto rows = rows_of(fit, measured_column(blocks));
     double total = 0;
     for (const Block* block : blocks) {
-        total += square_of(picked(block->product[kLinear], used.column), c.value[kLinear]);
-        if (fit.shape.turning) {
-            total += square_of(picked(block->product[kTurning], used.column), c.value[kTurning]);
-        }
+        for (std::size_t e = 0; e < fit.shape.equations(); ++e) total += rows[e].squares(block->product[e]);
     }
     return total;
 }
 
 double squares_apart(const Block& block, const Fit& a, const Fit& b) {
-    const Blocks one{&block};
-    Used used = used_by(one, a.shape);
-    const Used other = used_by(one, b.shape);
-    const Coefficients first = coefficients(used, a.value, false);
-    const Coefficients second = coefficients(other, b.value, false);
-    // columns of both side by side; what was measured is in both, and goes out
-    used.column.insert(used.column.end(), other.column.begin(), other.column.end());
+    const Eigen::Index measured = measured_column({&block});
+    auto difference = rows_of(a, measured);
+    const auto other = rows_of(b, measured);
     double total = 0;
-    for (std::size_t e = 0; e < (a.shape.turning ? kEquations : kTurning); ++e) {
-        Eigen::VectorXd difference(first.value[e].size() + second.value[e].size());
-        difference << first.value[e], -second.value[e];
-        total += square_of(picked(block.product[e], used.column), difference);
+    for (std::size_t e = 0; e < a.shape.equations(); ++e) {
+        // what was measured is in both, and goes out
+        Combination& d = difference[e];
+        d.column.insert(d.column.end(), other[e].column.begin(), other[e].column.end());
+        for (const double w : other[e].weight) d.weight.push_back(-w);
+        total += d.squares(block.product[e]);
     }
     return total;
 }
@@ -348,14 +290,15 @@ double torque_squares(const Blocks& blocks, const Fit& fit) {
 }
 
 double beyond_noise_share(const Blocks& blocks, const Fit& fit) {
-    const Used used = used_by(blocks, fit.shape);
-    const Coefficients c = coefficients(used, fit.value, false);
+    const auto rows = rows_of(fit, measured_column(blocks));
     double left = 0;
     double torque = 0;
     for (const Block* block : blocks) {
-        for (std::size_t e = 0; e < (fit.shape.turning ? kEquations : kTurning); ++e) {
-            left += (block->row[e](Eigen::all, used.column) * c.value[e]).squaredNorm() - block->rows[e];
-            const double gain = fit.value(e == kLinear ? kK7 : kK8);
+        for (std::size_t e = 0; e < fit.shape.equations(); ++e) {
+            const Eigen::Map<const Eigen::VectorXd> weight(rows[e].weight.data(),
+                                                           Eigen::Index(rows[e].weight.size()));
+            left += (block->row[e](Eigen::all, rows[e].column) * weight).squaredNorm() - block->rows[e];
+            const double gain = fit.value(gain_of(e));
             torque += gain * gain * block->row[e].col(Dictionary::kTorque).squaredNorm();
         }
     }
@@ -371,13 +314,13 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
     used.insert(used.end(), extra.begin(), extra.end());
     std::sort(used.begin(), used.end());
     used.erase(std::unique(used.begin(), used.end()), used.end());
-    const std::size_t equations = shape.turning ? kEquations : kTurning;
+    const std::size_t equations = shape.equations();
     double total = 0;
     for (std::size_t e = 0; e < equations; ++e) {
         const auto y = Eigen::Index(used.size());
         const auto reduced = [&](const Eigen::MatrixXd& product) {
             std::vector<int> with_y = used;
-            with_y.push_back(static_cast<int>(width(blocks)));
+            with_y.push_back(static_cast<int>(measured_column(blocks)));
             return Eigen::MatrixXd(product(with_y, with_y));
         };
         std::vector<Eigen::MatrixXd> each;
@@ -394,7 +337,7 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
             Eigen::VectorXd c(y + 1);
             c.head(y) = normal.ldlt().solve(rest.col(y).head(y));
             c(y) = -1;
-            for (std::size_t b = fold; b < each.size(); b += kFolds) total += square_of(each[b], c);
+            for (std::size_t b = fold; b < each.size(); b += kFolds) total += c.dot(each[b] * c);
         }
     }
     return total;
@@ -402,21 +345,13 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
 
 std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const std::vector<int>& columns) {
     constexpr double kExpected = 0.1;  // squares of what a column does over those of the torque
-    Used used = used_by(blocks, model.shape);
-    std::vector<Eigen::Index> extra;
-    for (const int c : columns) extra.push_back(place(used.column, c));
-    const Coefficients c = coefficients(used, model.value, true);
-    const std::size_t equations = model.shape.turning ? kEquations : kTurning;
+    const Directions directions(model.shape, measured_column(blocks), columns);
+    Tangents tangent = tangents(directions);
+    for (Tangent& t : tangent) t.move(model.value);
+    const std::size_t equations = model.shape.equations();
     const Eigen::Index own = model.value.size();
-    const auto more = static_cast<Eigen::Index>(extra.size());
+    const auto more = static_cast<Eigen::Index>(columns.size());
     const Eigen::Index size = own + more * static_cast<Eigen::Index>(equations);
-    std::array<Eigen::MatrixXd, kEquations> direction;
-    for (std::size_t e = 0; e < equations; ++e) {
-        direction[e] = Eigen::MatrixXd::Zero(c.slope[e].rows(), size);
-        direction[e].leftCols(own) = c.slope[e];
-        for (Eigen::Index i = 0; i < more; ++i)
-            direction[e](extra[std::size_t(i)], own + Eigen::Index(e) * more + i) = 1;
-    }
     struct Quadratic {
         Eigen::MatrixXd normal;
         Eigen::VectorXd gradient;
@@ -430,18 +365,17 @@ std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const st
     for (const Block* block : blocks) {
         Quadratic q{Eigen::MatrixXd::Zero(size, size), Eigen::VectorXd::Zero(size)};
         for (std::size_t e = 0; e < equations; ++e) {
-            const Eigen::MatrixXd weighted = picked(block->product[e], used.column) * direction[e];
-            q.normal += direction[e].transpose() * weighted;
-            q.gradient -= weighted.transpose() * c.value[e];
+            tangent[e].add_with_more(by_direction(block->product[e], directions),
+                                     own + Eigen::Index(e) * more, q.normal, q.gradient);
         }
+        q.normal.triangularView<Eigen::StrictlyUpper>() = q.normal.transpose();
         all.normal += q.normal;
         all.gradient += q.gradient;
         each.push_back(std::move(q));
     }
     // the model's own priors, about where it is
     Eigen::VectorXd prior = Eigen::VectorXd::Zero(size);
-    prior.head(own) = prior_precision(used, model.shape, sum_of(blocks, used),
-                                      timing_range_samples(blocks.front()->period_s));
+    prior.head(own) = prior_precision(blocks, model.shape, directions, sum_of(blocks, directions));
     // a timing beyond the one that a log may have is no part of the model
     for (std::size_t i = 0; i < model.shape.amounts.size(); ++i) {
         if (model.shape.amounts[i].columns.front() == Dictionary::kTiming)
@@ -474,19 +408,21 @@ double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>
     for (const auto* more : {&rival, &wanted}) {
         all_of_them.amounts.insert(all_of_them.amounts.end(), more->begin(), more->end());
     }
-    const Used used = used_by(blocks, all_of_them);
-    const Products sum = sum_of(blocks, used);
+    const Directions directions(all_of_them, measured_column(blocks));
     const auto more = Eigen::Index(rival.size());
     const auto goal = Eigen::Index(wanted.size());
     const Eigen::Index have = base.value.size();
     const Eigen::Index all = have + more + goal;
     Eigen::VectorXd at = Eigen::VectorXd::Zero(all);
     at.head(have) = base.value;
-    const Coefficients c = coefficients(used, at, true);
     Eigen::MatrixXd gram = Eigen::MatrixXd::Zero(all, all);
-    for (std::size_t e = 0; e < (base.shape.turning ? kEquations : kTurning); ++e) {
-        gram += c.slope[e].transpose() * sum[e] * c.slope[e];
+    Eigen::VectorXd gradient = Eigen::VectorXd::Zero(all);
+    for (std::size_t e = 0; e < base.shape.equations(); ++e) {
+        Tangent tangent(directions, e);
+        tangent.move(at);
+        tangent.add(by_direction(blocks, e, directions), gram, gradient);
     }
+    gram.triangularView<Eigen::StrictlyUpper>() = gram.transpose();
     const auto left_over = [&](Eigen::Index known) {
         Eigen::MatrixXd inner = gram.topLeftCorner(known, known);
         for (Eigen::Index i = 0; i < known; ++i) inner(i, i) += 1e-9 * inner(i, i) + 1e-12;

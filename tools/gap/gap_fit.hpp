@@ -10,19 +10,11 @@
 #include <span>
 #include <vector>
 
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/gap_directions.hpp"
 
 namespace wheelwright::gap {
 
-struct ModelShape {
-    std::vector<Amount> amounts;
-    std::vector<int> fixed;  // columns whose amount is one
-    bool turning = true;     // false: the turning equation is left out
-};
-
 using Blocks = std::vector<const Block*>;
-
-inline constexpr Eigen::Index kFirstAmount = 4;  // in Fit::value
 
 struct Fit {
     ModelShape shape;

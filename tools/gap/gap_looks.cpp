@@ -142,7 +142,7 @@ void Looks::look() {
     search_options.white_noise = known.white_noise;
     for (const NamedEffect& e : look_->search.effects) search_options.confirmed.push_back(e.effect);
     search_options.turning = turning_;
-    look_->search = search(look_->train, look_->report.blocks, search_options);
+    look_->search = search(look_->train, search_options);
 }
 
 void Looks::look_with_a_guess() {
@@ -253,10 +253,17 @@ Setting Looks::setting_for(const model::Dynamics<double>& dynamics) const {
             o.period_s,        o.turned_rad, closer_looks_,    event_spacing_s_};
 }
 
-// The last look; the next one finds its search and its dictionary in place, but no blocks.
-Look Looks::put_aside() {
-    return {look_->search, look_->dictionary, std::move(look_->train), std::move(look_->report)};
+BlockSet Looks::held_out() const {
+    if (!options_.parts.held_out) return {};
+    BlockOptions made_with = block_options_;
+    made_with.dictionary = &look_->dictionary;
+    BlockSet blocks = make_blocks(std::array{*options_.parts.held_out}, made_with);
+    weigh(blocks, look_->colour);
+    return blocks;
 }
+
+// The last look; the next one finds its search and its dictionary in place, but no blocks.
+Look Looks::put_aside() { return {look_->search, look_->dictionary, std::move(look_->train), look_->colour}; }
 
 // The dictionary and the blocks of the look that comes next; what was found stays.
 void Looks::make(const model::Dynamics<double>& dynamics, Points points, bool grids) {
@@ -272,9 +279,7 @@ void Looks::make(const model::Dynamics<double>& dynamics, Points points, bool gr
     made_with.dictionary = &look_->dictionary;
     WeighedBlocks train = weighed_blocks(options_.parts.training, made_with, known.excluded);
     look_->train = std::move(train.set);
-    if (!options_.parts.held_out) return;
-    look_->report = make_blocks(std::array{*options_.parts.held_out}, made_with);
-    weigh(look_->report, train.colour);
+    look_->colour = train.colour;
 }
 
 }  // namespace wheelwright::gap

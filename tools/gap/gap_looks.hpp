@@ -23,11 +23,12 @@ struct LookOptions {
     Known known;
 };
 
-// A look: the dictionary, the blocks that were made with it, and what was found.
+// A look: the dictionary, the blocks that were made with it and how they are weighed, and what was found.
 struct Look {
     Search search;
     Dictionary dictionary;
-    BlockSet train, report;  // report: of the held-out part, without which it is empty
+    BlockSet train;
+    Colour colour;
 };
 
 // first_model() comes first, and nothing after it if it has a problem.
@@ -57,6 +58,8 @@ class Looks {
     std::size_t blocks() const { return blocks_; }
     // The last look that was kept.
     const Look& last() const { return *look_; }
+    // Of the held-out part, with the columns of the last look; none without one. Made at each call.
+    BlockSet held_out() const;
     // For another dictionary, with K5..K8 of the last look and as closely as any came to look.
     Setting setting_found() const { return setting_for(dynamics_found()); }
     // For other blocks of the parts learned from.

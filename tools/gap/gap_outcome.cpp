@@ -22,7 +22,7 @@ class Outcome {
   public:
     Outcome(const Evidence& evidence, const std::map<std::size_t, double>& probability, Search& result)
         : evidence_(evidence),
-          all_(evidence.blocks()),
+          all_(evidence.all()),
           probability_(probability),
           members_(result.members),
           base_members_(result.base_members),
@@ -30,7 +30,7 @@ class Outcome {
 
     void report_effects() {
         const double closable = std::max(1e-12, (result_.gap_refit - result_.floor) * evidence_.rows());
-        const double with_all = squares(all_, result_.after);
+        const double with_all = squares(all_.blocks, result_.after);
         for (std::size_t i = base_members_; i < members_.size(); ++i) {
             NamedEffect named;
             named.effect = members_[i].effect;
@@ -46,7 +46,7 @@ class Outcome {
                 std::clamp((evidence_.cross_validated(all_, fewer) / evidence_.rows() - result_.gap_after) *
                                evidence_.rows() / closable,
                            0.0, 1.0);
-            find_rivals(fewer, members_[i], bare, with_all, squares(all_, bare) - with_all, named);
+            find_rivals(fewer, members_[i], bare, with_all, squares(all_.blocks, bare) - with_all, named);
             result_.effects.push_back(named);
         }
         std::sort(result_.effects.begin(), result_.effects.end(),
@@ -113,13 +113,13 @@ class Outcome {
             if (mine.kind == Way::Kind::linear && !mine.together && best->together)
                 best = evidence_.ways(r).back();
             const Members other = with(fewer, *best);
-            const Fit instead = evidence_.fit(all_, other);
+            const Fit instead = evidence_.fit(all_, other, spread_to_judge(other.back()));
             if (!evidence_.in_range(other, other.size() - 1, instead)) continue;
             Rival rival;
             rival.effect = r;
-            rival.keeps = gain > 0 ? 1 - (squares(all_, instead) - with_all) / gain : 0.0;
+            rival.keeps = gain > 0 ? 1 - (squares(all_.blocks, instead) - with_all) / gain : 0.0;
             // a general effect that does no better than its special case is that
-            rival.alike = likeness(all_, bare, directions(mine), directions(*best)) > kAlike ||
+            rival.alike = likeness(all_.blocks, bare, directions(mine), directions(*best)) > kAlike ||
                           (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
             const std::vector<Way> all = evidence_.ways(r);
             rival.coarse = evidence_.dictionary().can_focus(r) &&
@@ -145,7 +145,7 @@ class Outcome {
     }
 
     const Evidence& evidence_;
-    const Blocks& all_;
+    const Sample& all_;
     const std::map<std::size_t, double>& probability_;
     const Members& members_;
     std::size_t base_members_ = 0;
@@ -159,14 +159,14 @@ void describe_effects(const Evidence& evidence, const std::map<std::size_t, doub
     Outcome(evidence, probability, found).report_effects();
 }
 
-double closed_share(const Blocks& report, const Search& found) {
-    if (report.empty()) {
+double closed_share(const Blocks& held_out, const Search& found) {
+    if (held_out.empty()) {
         const double closable = found.gap_refit - found.floor;
         return closable > 0 ? (found.gap_refit - found.gap_after) / closable : 0.0;
     }
-    const double rows = row_count(report, found.base.shape);
-    const double before = squares(report, found.base) / rows;
-    const double after = squares(report, found.after) / rows;
+    const double rows = row_count(held_out, found.base.shape);
+    const double before = squares(held_out, found.base) / rows;
+    const double after = squares(held_out, found.after) / rows;
     const double closable = before - found.floor;
     return closable > 0 ? std::clamp((before - after) / closable, -1.0, 1.0) : 0.0;
 }
@@ -181,7 +181,7 @@ std::vector<Detectable> detectable(const Evidence& evidence) {
         const Way& way = linear ? all.front() : all[all.size() / 2];
         if (way.kind == Way::Kind::focus) continue;  // the look at the grid has told
         const Members more = with(evidence.base(), way);
-        const Fit f = evidence.fit(evidence.blocks(), more);
+        const Fit f = evidence.fit(evidence.all(), more);
         const Eigen::Index first = first_amount_of(more, more.size() - 1);
         Eigen::VectorXd least(way.amounts.size());
         for (std::size_t k = 0; k < way.amounts.size(); ++k) {
@@ -190,7 +190,7 @@ std::vector<Detectable> detectable(const Evidence& evidence) {
                 for (const int c2 : way.amounts[k].columns) power += evidence.set().wheel_power(c, c2);
             }
             const bool excited =
-                power > 0 && likeness(evidence.blocks(), evidence.base_fit(), {way.amounts[k]}, {}) < 1;
+                power > 0 && likeness(evidence.all().blocks, evidence.base_fit(), {way.amounts[k]}, {}) < 1;
             const double interest =
                 power > 0 ? kSizeOfInterestAlone * evidence.set().torque_rms_Nm / std::sqrt(power) : infinity;
             least(Eigen::Index(k)) =
@@ -222,7 +222,7 @@ void judge(const Evidence& evidence, Search& found) {
     };
     if (found.effects.empty()) {
         const double beyond =
-            evidence.options().white_noise ? beyond_noise_share(evidence.blocks(), found.after) : 0.0;
+            evidence.options().white_noise ? beyond_noise_share(evidence.all().blocks, found.after) : 0.0;
         const double left = std::max(found.left_torque_share, beyond);
         if (much_left || beyond > evidence.options().large_gap) {
             found.verdict = Verdict::unexplained;

@@ -16,9 +16,9 @@ namespace wheelwright::gap {
 void describe_effects(const Evidence& evidence, const std::map<std::size_t, double>& probability,
                       Search& found);
 
-// Of the closable gap, from -1 to 1: of `report`, blocks that took no part, or where there are none of those
+// Of the closable gap, from -1 to 1: of blocks held out, that took no part, or where there are none of those
 // that were fitted to.
-double closed_share(const Blocks& report, const Search& found);
+double closed_share(const Blocks& held_out, const Search& found);
 
 // The smallest size of each effect that the blocks could have shown beside the base: as certain as the
 // acceptance asks, and of interest.

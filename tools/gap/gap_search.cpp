@@ -18,15 +18,13 @@ double least_share(const Members& members) {
 
 class Searcher {
   public:
-    Searcher(const BlockSet& train, const std::vector<Block>& report, const SearchOptions& options)
+    Searcher(const BlockSet& train, const SearchOptions& options)
         : evidence_(train, options),
-          all_(evidence_.blocks()),
+          all_(evidence_.all()),
+          confirm_(confirming(all_.blocks, true)),
+          select_(confirming(all_.blocks, false)),
           members_(evidence_.base()),
-          base_members_(members_.size()) {
-        for (const Block& b : report) report_.push_back(&b);
-        // every fourth confirms; with few blocks the last one
-        for (std::size_t i = 0; i < all_.size(); ++i) (i % 4 == 2 ? confirm_ : select_).push_back(all_[i]);
-    }
+          base_members_(members_.size()) {}
 
     Search run() {
         result_.blocks = all_.size();
@@ -49,7 +47,6 @@ class Searcher {
         result_.base_members = base_members_;
         for (std::size_t i = 0; i < members_.size(); ++i) note(members_, i, result_.after);
         describe_effects(evidence_, probability_, result_);
-        result_.closable_share = closed_share(report_, result_);
         result_.unknowable = unknowable(result_.after, evidence_.options().turning);
         result_.timing_samples = result_.after.value(kFirstAmount);
         result_.timing_error = result_.after.error(kFirstAmount);
@@ -58,6 +55,15 @@ class Searcher {
     }
 
   private:
+    // Every fourth block confirms what the others choose.
+    static Blocks confirming(const Blocks& blocks, bool yes) {
+        Blocks some;
+        for (std::size_t i = 0; i < blocks.size(); ++i) {
+            if ((i % 4 == 2) == yes) some.push_back(blocks[i]);
+        }
+        return some;
+    }
+
     double floor_of(const Members& members) const {
         return std::min(evidence_.reach(all_, members) / evidence_.rows(), result_.gap_refit);
     }
@@ -98,40 +104,49 @@ class Searcher {
         return acting;
     }
 
-    Trial attempt(std::size_t effect, const Members& members) const {
+    // What a trial is held against: the model without it, on the blocks that select.
+    struct Without {
+        Members members;
+        std::vector<double> left;  // of each block, left out
+        Fit fit;
+    };
+    Without fitted_without(const Members& members) const {
+        return {members, evidence_.left_out(select_, members),
+                evidence_.fit(select_, members, Spread::left_out)};
+    }
+
+    Trial attempt(std::size_t effect, const Without& bare) const {
         const auto [first, end] = evidence_.dictionary().linear_columns(effect);
         std::vector<Way> tried;
         if (first == end) {
-            const std::optional<Way> best = evidence_.best_point(effect, members, select_);
+            const std::optional<Way> best = evidence_.best_point(effect, bare.members, select_);
             if (best) tried.push_back(*best);
         } else {
             tried = evidence_.ways(effect);
         }
         Trial best;
         best.way.effect = effect;
-        const std::vector<double> before = evidence_.left_out(select_, members);
-        const Fit without_it = evidence_.fit(select_, members, Spread::left_out);
         for (const Way& way : tried) {
             Trial t;
             t.way = way;
-            const Members more = with(members, way);
+            const Members more = with(bare.members, way);
             const std::size_t last = more.size() - 1;
+            std::vector<double> gain = bare.left;
             const std::vector<double> after = evidence_.left_out(select_, more);
-            std::vector<double> gain(before.size());
-            for (std::size_t i = 0; i < gain.size(); ++i) gain[i] = before[i] - after[i];
+            for (std::size_t i = 0; i < gain.size(); ++i) gain[i] -= after[i];
             t.gain = std::accumulate(gain.begin(), gain.end(), 0.0);
-            const std::vector<double> acting = where_it_acts(gain, select_, way);
+            const std::vector<double> acting = where_it_acts(gain, select_.blocks, way);
             t.rank_probability = signed_rank_probability(gain);
             t.rank_blocks = gain.size();
             if (acting.size() >= kFewestActing && signed_rank_probability(acting) < t.rank_probability) {
                 t.rank_probability = signed_rank_probability(acting);
                 t.rank_blocks = acting.size();
             }
-            const Fit selected = evidence_.fit(select_, more);
-            t.probability = evidence_.probability_of_last(select_, more);
+            const Fit selected = evidence_.fit(select_, more, spread_to_judge(way));
+            if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
             t.in_range = evidence_.in_range(more, last, selected);
             t.of_interest = evidence_.effect_torque_share(more, last, selected) >= least_share(more);
-            t.confirmed = confirmed(without_it, selected);
+            t.confirmed = confirmed(bare.fit, selected);
             // one amount for both unless two are clearly apart
             if (tried.size() == 1 || best.gain == 0 ||
                 (t.gain > best.gain && apart(selected, first_amount_of(more, last)))) {
@@ -160,7 +175,7 @@ class Searcher {
         for (const Trial& t : trials) {
             if (!t.in_range || t.gain < 0.9 * chosen.gain) continue;
             if (simplicity(t.way) < simplicity(best->way) &&
-                likeness(all_, bare, directions(chosen.way), directions(t.way)) > kAlike) {
+                likeness(all_.blocks, bare, directions(chosen.way), directions(t.way)) > kAlike) {
                 best = &t;
             }
         }
@@ -186,9 +201,10 @@ class Searcher {
             const double now = evidence_.cross_validated(select_, members_);
             const double closable = now - std::min(now, evidence_.reach(select_, members_));
             if (members_.size() == base_members_) closable_at_first_ = closable;
+            const Without bare = fitted_without(members_);
             std::vector<Trial> trials;
             for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-                if (usable(i)) trials.push_back(attempt(i, members_));
+                if (usable(i)) trials.push_back(attempt(i, bare));
             }
             if (trials.empty()) break;
             std::sort(trials.begin(), trials.end(),
@@ -201,7 +217,7 @@ class Searcher {
                 probability_[simplest->way.effect] = simplest->probability;
                 members_.push_back(simplest->way);
                 take_apart();
-            } else if (evidence_.torque_share(closable / row_count(select_, result_.base.shape)) <
+            } else if (evidence_.torque_share(closable / row_count(select_.blocks, result_.base.shape)) <
                        kLargeGap) {
                 break;
             } else if (!add_two(trials, closable)) {
@@ -253,9 +269,10 @@ class Searcher {
         for (std::size_t i = 0; i < std::min(kLeaders, trials.size()); ++i) {
             const Trial& leader = trials[i];
             if (!leader.in_range || leader.gain <= 0) continue;
+            const Without bare = fitted_without(with(members_, leader.way));
             for (const Trial& t : trials) {
                 if (t.way.effect == leader.way.effect) continue;
-                const Trial other = attempt(t.way.effect, with(members_, leader.way));
+                const Trial other = attempt(t.way.effect, bare);
                 const double gain = leader.gain + other.gain;
                 if (members_.size() == base_members_ && other.in_range && gain > most) {
                     most = gain;
@@ -267,7 +284,8 @@ class Searcher {
         }
         std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) { return a.gain > b.gain; });
         for (const Pair& pair : pairs) {
-            const Trial leader = attempt(pair.leader->way.effect, with(members_, pair.other.way));
+            const Trial leader =
+                attempt(pair.leader->way.effect, fitted_without(with(members_, pair.other.way)));
             if (!acceptable(leader, trials.size(), 0)) continue;
             for (const Trial* t : {&leader, &pair.other}) {
                 probability_[t->way.effect] = t->probability;
@@ -386,8 +404,9 @@ class Searcher {
     }
 
     const Evidence evidence_;
-    const Blocks& all_;
-    Blocks select_, confirm_, report_;
+    const Sample& all_;
+    const Blocks confirm_;
+    const Sample select_;
     Members members_;
     std::size_t base_members_ = 0;
     double closable_at_first_ = 0;  // on the blocks that select
@@ -444,8 +463,6 @@ model::EffectSet<double> effects_of(const std::vector<Way>& members, const Fit& 
     return set;
 }
 
-Search search(const BlockSet& train, const std::vector<Block>& report, const SearchOptions& options) {
-    return Searcher(train, report, options).run();
-}
+Search search(const BlockSet& train, const SearchOptions& options) { return Searcher(train, options).run(); }
 
 }  // namespace wheelwright::gap

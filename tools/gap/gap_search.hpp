@@ -87,14 +87,14 @@ struct Search {
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
     double closable_torque_share = 0, left_torque_share = 0;
-    double closable_share =
-        0;  // of the closable gap, closed, on blocks that took no part; NaN: only sensors err
+    // Of the closable gap, closed, by closed_share() (gap_outcome.hpp): the analysis' own, not the search's.
+    // NaN: only sensors err.
+    double closable_share = 0;
     double timing_samples = 0, timing_error = 0;  // torque acts later than logged
 };
 
-// `train` selects and confirms, `report` (may be empty) only tells how it
-// turned out.
-Search search(const BlockSet& train, const std::vector<Block>& report, const SearchOptions& options);
+// `train` selects and confirms.
+Search search(const BlockSet& train, const SearchOptions& options);
 
 // The effects of a fit with these members.
 model::EffectSet<double> effects_of(const std::vector<Way>& members, const Fit& fit, const Setting& setting);

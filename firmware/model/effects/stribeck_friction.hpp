@@ -23,9 +23,18 @@ struct StribeckFriction {
     // What friction opposes sliding at this speed with, at most; of the first or the second wheel.
     template <typename Real>
     static constexpr Real dry_limit(const Parameters<Real>& p, Real sliding_speed_rad_per_s) {
-        if (!(p[2] > 0)) return p[0];
+        return limit_of_share(p, share_of_static(p, sliding_speed_rad_per_s));
+    }
+    template <typename Real>
+    static constexpr Real limit_of_share(const Parameters<Real>& p, Real share) {
+        return p[0] + (p[1] - p[0]) * share;
+    }
+    // How much of what friction has at rest beyond that at speed is there at this speed: 0 to 1.
+    template <typename Real>
+    static constexpr Real share_of_static(const Parameters<Real>& p, Real sliding_speed_rad_per_s) {
+        if (!(p[2] > 0)) return 0;
         const Real ratio = sliding_speed_rad_per_s / p[2];
-        return p[0] + (p[1] - p[0]) * exp_minus(ratio * ratio);
+        return exp_minus(ratio * ratio);
     }
 };
 
