@@ -83,6 +83,9 @@ concept OnTorquePath = requires(Parameters<double> p, WheelPair<double> torque) 
 template <typename Effect>
 concept HasColumns = requires(const EffectContext<double>& context) { Effect::column(0U, context); } ||
                      EachWheel<Effect> || Dry<Effect>;
+// Its columns depend on K5..K8.
+template <typename Effect>
+concept ColumnsByDynamics = requires { requires Effect::columns_by_dynamics; };
 template <typename Effect>
 concept SmoothTorque =
     (HasColumns<Effect> && !Dry<Effect>) ||

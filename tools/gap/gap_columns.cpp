@@ -159,11 +159,17 @@ std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::V
 Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, bool places)
     : setting_(setting), linear_(model::kEffectCount), ways_(model::kEffectCount) {
     columns_.resize(kFirstEffect);
+    std::size_t number = 0;  // of those that stand for no effect
+    const auto without_effect = [&number] { return Source{model::kEffectCount, number++, {}}; };
+    for (const int c : {kTorque, kTiming}) columns_[std::size_t(c)].source = without_effect();
     std::array<bool, model::kEffectCount> all{};
     all.fill(true);
     model::for_each_active(all, [&]<typename Effect>(std::size_t i) {
         const auto first = static_cast<int>(columns_.size());
-        for (unsigned k = 0; k < model::kCoordinates<Effect>; ++k) columns_.push_back({i, ""});
+        for (unsigned k = 0; k < model::kCoordinates<Effect>; ++k) {
+            columns_.push_back({i, "", std::nullopt});
+            if (!by_dynamics(i)) columns_.back().source = Source{i, k, {}};
+        }
         linear_[i] = {first, static_cast<int>(columns_.size())};
     });
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
@@ -178,12 +184,12 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, 
         if (found != focus.end() && can_focus(i)) add_focus(i, found->second);
     }
     rich_.first = static_cast<int>(columns_.size());
-    for (const Rich& rich : kRich) columns_.push_back({model::kEffectCount, rich.place});
+    for (const Rich& rich : kRich) columns_.push_back({model::kEffectCount, rich.place, without_effect()});
     rich_.second = static_cast<int>(columns_.size());
     places_.first = rich_.second;
     if (places) {
         for (const PlaceColumns::Kind& kind : PlaceColumns::kinds())
-            columns_.push_back({model::kEffectCount, kind.place});
+            columns_.push_back({model::kEffectCount, kind.place, std::nullopt});
     }
     places_.second = static_cast<int>(columns_.size());
 }
@@ -197,9 +203,9 @@ std::size_t Dictionary::term(std::size_t effect, const Parameters<double>& p) {
     return terms_.size() - 1;
 }
 
-int Dictionary::add(std::size_t effect, const Probe& probe) {
+int Dictionary::add(std::size_t effect, const Probe& probe, const std::optional<Source>& source) {
     probes_.push_back(probe);
-    columns_.push_back({effect, ""});
+    columns_.push_back({effect, "", source});
     return static_cast<int>(columns_.size()) - 1;
 }
 
@@ -211,7 +217,9 @@ void Dictionary::add_grid(std::size_t effect) {
         way.kind = Way::Kind::grid;
         way.at = at;
         for (const Parameters<double>& unit : grid.units(at)) {
-            way.amounts.push_back({{add(effect, {term(effect, unit)})}});
+            std::optional<Source> source;
+            if (!by_dynamics(effect)) source = Source{effect, 0, unit};
+            way.amounts.push_back({{add(effect, {term(effect, unit)}, source)}});
         }
         ways_[effect].push_back(way);
     }
@@ -251,23 +259,51 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
     ways_[effect].push_back(way);
 }
 
-Dictionary::Walker::Walker(const Dictionary& dictionary) : dictionary_(dictionary) {
-    for (const Term& t : dictionary.terms_) {
-        term_.push_back(contribution(t.effect, t.parameters, dictionary.setting_));
-        for (std::size_t i = 0; i + 1 < term_.size(); ++i) {
-            if (dictionary.terms_[i].effect == t.effect) term_.back()->share(*term_[i]);
-        }
+Dictionary::Walker::Walker(const Dictionary& dictionary, const std::vector<bool>& wanted)
+    : dictionary_(dictionary), term_(dictionary.terms_.size()) {
+    const auto is_wanted = [&wanted](std::size_t column) { return wanted.empty() || wanted[column]; };
+    const auto any_wanted = [&](const std::pair<int, int>& of) {
+        bool any = false;
+        for (int c = of.first; c < of.second; ++c) any = any || is_wanted(std::size_t(c));
+        return any;
+    };
+    for (std::size_t i = 0; i < model::kEffectCount; ++i)
+        linear_wanted_[i] = any_wanted(dictionary.linear_[i]);
+    rich_wanted_ = any_wanted(dictionary.rich_);
+    std::vector<bool> term_wanted(term_.size());
+    const std::size_t first_probe = dictionary.first_probe();
+    for (std::size_t i = 0; i < dictionary.probes_.size(); ++i) {
+        if (!is_wanted(first_probe + i)) continue;
+        probes_.push_back(i);
+        const Probe& probe = dictionary.probes_[i];
+        term_wanted[probe.plus] = true;
+        if (probe.minus != kNone) term_wanted[probe.minus] = true;
     }
-    for (std::size_t t = 0; t < term_.size(); ++t) (term_[t]->slow() ? slow_ : quick_).push_back(t);
+    for (std::size_t t = 0; t < term_.size(); ++t) {
+        if (!term_wanted[t]) continue;
+        const auto& [effect, parameters] = dictionary.terms_[t];
+        term_[t] = contribution(effect, parameters, dictionary.setting_);
+        for (std::size_t i = 0; i < t; ++i) {
+            if (term_[i] && dictionary.terms_[i].effect == effect) term_[t]->share(*term_[i]);
+        }
+        (term_[t]->slow() ? slow_ : quick_).push_back(t);
+    }
     term_sums_.resize(term_.size());
     columns_.resize(dictionary.columns_.size() - kTorque);
+    for (std::size_t i = 0; i < columns_.size(); ++i) {
+        if (!is_wanted(i + kTorque)) continue;
+        wanted_.push_back(i);
+        const bool probed =
+            i + kTorque >= first_probe && i + kTorque < first_probe + dictionary.probes_.size();
+        if (!probed) summed_.push_back(i);
+    }
     const auto [first, end] = dictionary.places_;
     if (first != end) places_ = std::make_shared<PlaceColumns>(dictionary.setting_);
 }
 
 void Dictionary::Walker::forget() {
     std::fill(term_sums_.begin(), term_sums_.end(), WheelPair<double>{});
-    std::fill(columns_.begin(), columns_.end(), WheelPair<double>{});
+    for (const std::size_t i : summed_) columns_[i] = {};
 }
 
 void Dictionary::Walker::put_together(const Interval& i) {
@@ -318,15 +354,7 @@ void Dictionary::Walker::step(const Interval& i, bool standing) {
         add({i.torque_before.left - i.torque.left, i.torque_before.right - i.torque.right});
         add_effects(i);
         at_ += dictionary_.probes_.size();
-        Instant at;
-        at.torque = i.torque;
-        at.speed = i.speed();
-        at.slow_torque = slow_torque_;
-        at.angle = i.angle;
-        at.twist = model::twist_from_wheel_speeds(dictionary_.setting_.geometry, at.speed);
-        at.heading = i.heading_rad;
-        at.time = i.t_s;
-        for (const Rich& rich : kRich) add(rich.value(at));
+        add_rich(i);
     }
     if (places_ && !standing) {
         place_values_.clear();
@@ -340,16 +368,33 @@ void Dictionary::Walker::step(const Interval& i, bool standing) {
     slow_torque_.right += share * (i.torque.right - slow_torque_.right);
 }
 
+void Dictionary::Walker::add_rich(const Interval& i) {
+    if (!rich_wanted_) {
+        at_ += kRich.size();
+        return;
+    }
+    Instant at;
+    at.torque = i.torque;
+    at.speed = i.speed();
+    at.slow_torque = slow_torque_;
+    at.angle = i.angle;
+    at.twist = model::twist_from_wheel_speeds(dictionary_.setting_.geometry, at.speed);
+    at.heading = i.heading_rad;
+    at.time = i.t_s;
+    for (const Rich& rich : kRich) add(rich.value(at));
+}
+
 // The points' columns are differences of contributions.
 void Dictionary::Walker::combine() {
-    std::size_t column = std::size_t(dictionary_.rich_.first) - kTorque - dictionary_.probes_.size();
-    for (const Probe& probe : dictionary_.probes_) {
+    const std::size_t first = dictionary_.first_probe() - kTorque;
+    for (const std::size_t i : probes_) {
+        const Probe& probe = dictionary_.probes_[i];
         WheelPair<double> pair = term_sums_[probe.plus];
         if (probe.minus != kNone) {
             pair.left -= term_sums_[probe.minus].left;
             pair.right -= term_sums_[probe.minus].right;
         }
-        columns_[column++] = {probe.scale * pair.left, probe.scale * pair.right};
+        columns_[first + i] = {probe.scale * pair.left, probe.scale * pair.right};
     }
 }
 
@@ -362,7 +407,11 @@ void Dictionary::Walker::add_effects(const Interval& i) {
     const model::EffectContext<double> context{motion, i.torque, s.geometry, s.dynamics};
     std::array<bool, model::kEffectCount> all{};
     all.fill(true);
-    model::for_each_active(all, [&]<typename Effect>(std::size_t) {
+    model::for_each_active(all, [&]<typename Effect>(std::size_t effect) {
+        if (!linear_wanted_[effect]) {
+            at_ += model::kCoordinates<Effect>;
+            return;
+        }
         for (unsigned k = 0; k < model::kCoordinates<Effect>; ++k) {
             if constexpr (model::Dry<Effect>) {
                 const WheelPair<double> d =

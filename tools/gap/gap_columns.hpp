@@ -7,9 +7,11 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string_view>
 #include <utility>
@@ -19,9 +21,20 @@
 
 namespace wheelwright::gap {
 
+// What a column's values are of, beside the log and the geometry: columns of two dictionaries that have the
+// same source are the same.
+struct Source {
+    std::size_t effect = model::kEffectCount;  // kEffectCount: none
+    std::size_t number = 0;                    // of those of an effect, or of none
+    model::Parameters<double> at{};            // of an effect that is not linear
+    bool operator==(const Source&) const = default;
+};
+
 struct Column {
     std::size_t effect = model::kEffectCount;
     std::string_view place;  // of a column that stands for no effect: where it would show
+    // None where another dictionary's column may differ: by K5..K8, or by where an effect was found.
+    std::optional<Source> source;
 };
 
 // Columns that share one unknown amount. Several columns: they are equal (left and right).
@@ -81,16 +94,16 @@ class Dictionary {
     // Sums all columns but kProduct along a log.
     class Walker {
       public:
-        explicit Walker(const Dictionary& dictionary);
+        // Columns that are not wanted stay zero; none named: all are wanted.
+        explicit Walker(const Dictionary& dictionary, const std::vector<bool>& wanted = {});
         // Goes on by an interval; standing: nothing acts, but time passes.
         void step(const Interval& interval, bool standing);
-        // The sums since the last time: `take(column, pair)` for each column from kTorque on.
+        // The sums since the last time: `take(column, pair)` for each column wanted, from kTorque on.
         template <typename Take>
         void take_sums(Take&& take) {
             close();
             combine();
-            for (std::size_t i = 0; i < columns_.size(); ++i)
-                take(static_cast<int>(i) + kTorque, columns_[i]);
+            for (const std::size_t i : wanted_) take(static_cast<int>(i) + kTorque, columns_[i]);
             forget();
         }
         // No sums are wanted of what passed since the last time.
@@ -105,15 +118,20 @@ class Dictionary {
         void forget();
         void add(const WheelPair<double>& pair);
         void add_effects(const Interval& interval);
+        void add_rich(const Interval& interval);
         void combine();
 
         const Dictionary& dictionary_;
-        std::vector<std::unique_ptr<Contribution>> term_;
+        std::vector<std::unique_ptr<Contribution>> term_;  // null: not wanted
+        std::array<bool, model::kEffectCount> linear_wanted_{};
+        bool rich_wanted_ = false;
         std::vector<std::size_t> quick_, slow_;  // of the terms
         Interval whole_;                         // since the sums were taken
         std::size_t together_ = 0, acting_ = 0;  // intervals that are in it
         std::vector<WheelPair<double>> term_sums_, columns_;
-        std::size_t at_ = 0;  // the column that is next
+        std::vector<std::size_t> wanted_, summed_;  // of columns_; summed_: but those of probes
+        std::vector<std::size_t> probes_;           // wanted, of the dictionary's
+        std::size_t at_ = 0;                        // the column that is next
         std::shared_ptr<PlaceColumns> places_;
         std::vector<WheelPair<double>> place_values_;
         WheelPair<double> slow_torque_;
@@ -132,8 +150,10 @@ class Dictionary {
         model::Parameters<double> parameters;
     };
 
+    // The column of the first probe; the others follow.
+    std::size_t first_probe() const { return std::size_t(rich_.first) - probes_.size(); }
     std::size_t term(std::size_t effect, const model::Parameters<double>& p);
-    int add(std::size_t effect, const Probe& probe);
+    int add(std::size_t effect, const Probe& probe, const std::optional<Source>& source = std::nullopt);
     void add_grid(std::size_t effect);
     void add_focus(std::size_t effect, const model::Parameters<double>& at);
 

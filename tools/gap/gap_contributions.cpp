@@ -32,6 +32,7 @@ Twist<double> change(const Setting& s, const Interval& i) {
 template <typename Effect>
 class PathTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = false;
     PathTerm(const Parameters<double>& p, const Setting&) : p_(p) {}
     bool slow() const override { return std::is_same_v<Effect, model::GainDrift>; }
     WheelPair<double> over(const Interval& i) override {
@@ -81,6 +82,7 @@ class StribeckFall {
 
 class StribeckTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = false;
     StribeckTerm(const Parameters<double>& p, const Setting&)
         : p_(p), fall_(std::make_shared<StribeckFall>(p)) {}
     WheelPair<double> over(const Interval& i) override {
@@ -150,6 +152,7 @@ class CastorPath {
 
 class CastorTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = false;
     CastorTerm(const Parameters<double>& p, const Setting& s)
         : p_(p), path_(std::make_shared<CastorPath>(p, s)) {}
     WheelPair<double> over(const Interval& i) override {
@@ -198,6 +201,7 @@ class Harmonics {
 // What swings with the angle is best told by the middle of the interval.
 class RippleTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = false;
     RippleTerm(const Parameters<double>& p, const Setting&)
         : amplitude_Nm_(p[0]),
           order_(p[1]),
@@ -231,6 +235,7 @@ class RippleTerm : public Contribution {
 
 class CogLateralTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = true;
     CogLateralTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s) {}
     bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {
@@ -247,6 +252,7 @@ class CogLateralTerm : public Contribution {
 
 class RadiusMismatchTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = true;
     RadiusMismatchTerm(const Parameters<double>& p, const Setting& s)
         : s_(s), real_(model::WheelRadiusMismatch::geometry(p, s.geometry)) {}
     bool slow() const override { return true; }
@@ -280,6 +286,7 @@ class RadiusMismatchTerm : public Contribution {
 // usual one.
 class SlipTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = true;
     SlipTerm(const Parameters<double>& p, const Setting& s)
         : s_(s), slip_(p, s.geometry, s.dynamics, model::kRotationShare + p[2]) {}
     WheelPair<double> over(const Interval& i) override {
@@ -308,30 +315,62 @@ class SlipTerm : public Contribution {
     bool first_ = true;
 };
 
-// p[3], which the catalogue does not have: how far the load lies ahead of where the robot's mass seems to be.
-class PayloadTerm : public Contribution {
+// What a load that comes at this time acts on along a log: what all the columns of it share.
+class Loaded {
   public:
-    PayloadTerm(const Parameters<double>& p, const Setting& s) : time_s_(p[0]), geometry_(s.geometry) {
-        const model::Dynamics<double>& k = s.dynamics;
-        const auto loaded = model::PayloadStep::loaded(p, s.geometry, k, k.k5_m + p[3]);
-        k5_ = (loaded.k5_m - k.k5_m) / k.k7_per_kg_m;
-        k7_ = (loaded.k7_per_kg_m - k.k7_per_kg_m) / k.k7_per_kg_m;
-        k6_ = (loaded.k6_per_m - k.k6_per_m) / k.k8_per_kg_m2;
-        k8_ = (loaded.k8_per_kg_m2 - k.k8_per_kg_m2) / k.k8_per_kg_m2;
-    }
-    bool slow() const override { return true; }
-    WheelPair<double> over(const Interval& i) override {
+    Loaded(double time_s, const Setting& s) : time_s_(time_s), geometry_(s.geometry) {}
+
+    // Of an interval, as much as there is load in it: omega^2, v omega, the torques' sum and difference.
+    struct At {
+        double omega_squared = 0, v_omega = 0, torque_sum = 0, torque_difference = 0;
+    };
+    const At& over(const Interval& i) {
+        if (i.t_s == at_s_) return at_;
+        at_s_ = i.t_s;
         const double since_s = i.t_s + i.dt_s - time_s_;
-        if (since_s <= 0) return {};
+        if (since_s <= 0) return at_ = {};
         const double after = since_s < i.dt_s ? since_s / i.dt_s : 1.0;
         const Twist<double> u = model::twist_from_wheel_speeds(geometry_, i.speed());
-        return pair_of(after * (k5_ * u.omega_rad_per_s * u.omega_rad_per_s + k7_ * i.torque.sum()),
-                       after * (k6_ * u.v_m_per_s * u.omega_rad_per_s + k8_ * i.torque.difference()));
+        const double omega = after * u.omega_rad_per_s;
+        return at_ = {omega * u.omega_rad_per_s, omega * u.v_m_per_s, after * i.torque.sum(),
+                      after * i.torque.difference()};
     }
+    bool is(double time_s) const { return time_s == time_s_; }
 
   private:
     double time_s_;
     model::Geometry<double> geometry_;
+    double at_s_ = -1e300;
+    At at_;
+};
+
+// p[3], which the catalogue does not have: how far the load lies ahead of where the robot's mass seems to be.
+class PayloadTerm : public Contribution {
+  public:
+    static constexpr bool kByDynamics = true;
+    PayloadTerm(const Parameters<double>& p, const Setting& s)
+        : time_s_(p[0]), loaded_(std::make_shared<Loaded>(p[0], s)) {
+        const model::Dynamics<double>& k = s.dynamics;
+        const auto with_it = model::PayloadStep::loaded(p, s.geometry, k, k.k5_m + p[3]);
+        k5_ = (with_it.k5_m - k.k5_m) / k.k7_per_kg_m;
+        k7_ = (with_it.k7_per_kg_m - k.k7_per_kg_m) / k.k7_per_kg_m;
+        k6_ = (with_it.k6_per_m - k.k6_per_m) / k.k8_per_kg_m2;
+        k8_ = (with_it.k8_per_kg_m2 - k.k8_per_kg_m2) / k.k8_per_kg_m2;
+    }
+    bool slow() const override { return true; }
+    WheelPair<double> over(const Interval& i) override {
+        const Loaded::At& at = loaded_->over(i);
+        return pair_of(k5_ * at.omega_squared + k7_ * at.torque_sum,
+                       k6_ * at.v_omega + k8_ * at.torque_difference);
+    }
+    void share(const Contribution& other) override {
+        const auto* payload = dynamic_cast<const PayloadTerm*>(&other);
+        if (payload != nullptr && payload->loaded_->is(time_s_)) loaded_ = payload->loaded_;
+    }
+
+  private:
+    double time_s_;
+    std::shared_ptr<Loaded> loaded_;
     double k5_, k6_, k7_, k8_;  // what the load changes, as torque
 };
 
@@ -339,6 +378,7 @@ class PayloadTerm : public Contribution {
 // of the speeds as they were, which are those reported and the lag's time of what accelerates these.
 class MeasurementLagTerm : public Contribution {
   public:
+    static constexpr bool kByDynamics = true;
     MeasurementLagTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s), torque_(p, s) {}
     WheelPair<double> over(const Interval& i) override {
         const WheelPair<double> late = torque_.over(i);  // lagged less given
@@ -417,6 +457,21 @@ struct TermOf<model::MeasurementLag> {
 };
 
 }  // namespace
+
+bool by_dynamics(std::size_t effect) {
+    bool yes = false;
+    std::array<bool, model::kEffectCount> one{};
+    one[effect] = true;
+    model::for_each_active(one, [&]<typename Effect>(std::size_t) {
+        using Type = typename TermOf<Effect>::Type;
+        if constexpr (!std::is_void_v<Type>) {
+            yes = Type::kByDynamics;
+        } else {
+            yes = model::ColumnsByDynamics<Effect>;
+        }
+    });
+    return yes;
+}
 
 std::unique_ptr<Contribution> contribution(std::size_t effect, const Parameters<double>& parameters,
                                            const Setting& setting) {

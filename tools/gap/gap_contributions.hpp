@@ -61,6 +61,10 @@ class Contribution {
     // before.
     virtual bool slow() const { return false; }
 };
+// What the effect does along a log, and its columns if it is linear, depend on the setting's K5..K8, and not
+// on the log and the geometry alone.
+bool by_dynamics(std::size_t effect);
+
 std::unique_ptr<Contribution> contribution(std::size_t effect, const model::Parameters<double>& parameters,
                                            const Setting& setting);
 

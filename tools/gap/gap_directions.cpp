@@ -74,6 +74,18 @@ Eigen::MatrixXd by_direction(std::span<const Block* const> blocks, std::size_t e
     return sum;
 }
 
+namespace {
+
+// a v, for matrices so small that a general product's preparations would take most of the time.
+void multiply(const Eigen::MatrixXd& a, const Eigen::VectorXd& v, Eigen::VectorXd& to) {
+    to.setZero(a.rows());
+    for (Eigen::Index j = 0; j < v.size(); ++j) {
+        if (v(j) != 0) to += v(j) * a.col(j);
+    }
+}
+
+}  // namespace
+
 Tangent::Tangent(const Directions& directions, std::size_t equation)
     : directions_(directions),
       product_(product_of(equation)),
@@ -94,14 +106,17 @@ void Tangent::move(const Eigen::VectorXd& p) {
     row_.segment(Directions::kAmounts, amounts) = gain_ * p.segment(kFirstAmount, amounts);
 }
 
-double Tangent::squares(const Eigen::MatrixXd& r) const { return row_.dot(r * row_); }
+double Tangent::squares(const Eigen::MatrixXd& r) {
+    multiply(r, row_, with_row_);
+    return row_.dot(with_row_);
+}
 
 void Tangent::add(const Eigen::MatrixXd& r, Eigen::MatrixXd& normal, Eigen::VectorXd& gradient) {
     constexpr Eigen::Index kProduct = Directions::kProduct;
     constexpr Eigen::Index kAmounts = Directions::kAmounts;
     const Eigen::Index amounts = directions_.amounts();
-    with_row_.noalias() = r * row_;
-    with_gain_.noalias() = r * by_gain_;
+    multiply(r, row_, with_row_);
+    multiply(r, by_gain_, with_gain_);
     gradient(product_) -= with_row_(kProduct);
     gradient(gain_at_) -= by_gain_.dot(with_row_);
     gradient.segment(kFirstAmount, amounts) -= gain_ * with_row_.segment(kAmounts, amounts);

@@ -82,7 +82,7 @@ class Tangent {
     const Eigen::VectorXd& row() const { return row_; }  // c
 
     // Sum of squares of products by direction, both triangles.
-    double squares(const Eigen::MatrixXd& r) const;
+    double squares(const Eigen::MatrixXd& r);
     // Adds half the second derivative, without the row's own, and half the first one's negative: normal
     // matrix and gradient of Gauss and Newton, in p's order. `normal`: lower triangle.
     void add(const Eigen::MatrixXd& r, Eigen::MatrixXd& normal, Eigen::VectorXd& gradient);

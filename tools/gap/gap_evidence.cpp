@@ -90,10 +90,6 @@ std::size_t unknowns(const Members& members) {
     return sum;
 }
 
-Spread spread_to_judge(const Way& way) {
-    return way.kind == Way::Kind::linear ? Spread::known : Spread::left_out;
-}
-
 std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
     return {way.kind != Way::Kind::linear, unknowns(way), way.effect};
 }
@@ -111,8 +107,12 @@ void note_point(const Members& members, std::size_t member, const Fit& f, const 
 Sample::Sample(Blocks of) : blocks(std::move(of)), rest(std::min(kFolds, blocks.size())) {
     for (std::size_t i = 0; i < blocks.size(); ++i) {
         add(*blocks[i], whole);
-        for (std::size_t fold = 0; fold < rest.size(); ++fold) {
-            if (i % kFolds != fold) add(*blocks[i], rest[fold]);
+        add(*blocks[i], rest[i % kFolds]);
+    }
+    for (Block& fold : rest) {
+        for (std::size_t e = 0; e < kEquations; ++e) {
+            fold.product[e] = whole.product[e] - fold.product[e];
+            fold.rows[e] = whole.rows[e] - fold.rows[e];
         }
     }
 }
@@ -236,19 +236,25 @@ double Evidence::effect_torque_share(const Members& members, std::size_t member,
     return std::sqrt(std::max(0.0, p.dot(set_.wheel_power * p))) / std::max(1e-12, set_.torque_rms_Nm);
 }
 
-bool Evidence::in_range(const Members& members, std::size_t member, const Fit& f) const {
-    const Way& way = members[member];
+bool Evidence::in_range(const Sample& sample, const Members& members, const Fit& f) const {
+    const Way& way = members.back();
+    const std::size_t member = members.size() - 1;
     const auto& info = model::kEffects[way.effect].parameters;
     const Eigen::VectorXd amount = amounts_in(members, member, f);
     if (way.kind == Way::Kind::linear) {
         if (!model::kLinearInParameters[way.effect]) return true;
+        const auto within = [&](const auto& slack) {
+            for (Eigen::Index i = 0; i < amount.size(); ++i) {
+                const auto& range = info[way.coordinate[std::size_t(i)]];
+                if (amount(i) < range.minimum - slack(i) || amount(i) > range.maximum + slack(i))
+                    return false;
+            }
+            return true;
+        };
+        if (within([](Eigen::Index) { return 0.0; })) return true;
+        const Fit known = f.covariance.size() > 0 ? f : fit(sample, members);
         const Eigen::Index first = first_amount_of(members, member);
-        for (Eigen::Index i = 0; i < amount.size(); ++i) {
-            const double slack = 3 * f.error(first + i);
-            const auto& range = info[way.coordinate[std::size_t(i)]];
-            if (amount(i) < range.minimum - slack || amount(i) > range.maximum + slack) return false;
-        }
-        return true;
+        return within([&](Eigen::Index i) { return 3 * known.error(first + i); });
     }
     const auto [p, plausible] = parameters_of(way, amount, options_.dictionary->setting());
     if (!plausible) return false;
@@ -271,19 +277,18 @@ double Evidence::probability_of_last(const Sample& sample, const Members& member
     return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
 }
 
-std::optional<Way> Evidence::best_point(std::size_t effect, const Members& members,
-                                        const Sample& sample) const {
-    std::optional<Way> best;
+std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members& members,
+                                              const Sample& sample) const {
+    std::optional<BestPoint> best;
     double least = std::numeric_limits<double>::infinity();
     for (const Way& way : ways(effect)) {
         const Members more = with(members, way);
-        const Fit f = fit(sample, more, spread_to_judge(way));
-        if (!in_range(more, more.size() - 1, f)) continue;
+        const Fit f = fit(sample, more, Spread::left_out);
         // a closer look is preferred, for it goes on from where it is
         const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
-        if (left >= least) continue;
+        if (left >= least || !in_range(sample, more, f)) continue;
         least = left;
-        best = way;
+        best = {way, f.squares};
     }
     return best;
 }

@@ -35,9 +35,6 @@ void note_point(const Members& members, std::size_t member, const Fit& fit, cons
 std::size_t unknowns(const Way& way);
 std::size_t unknowns(const Members& members);
 
-// What in_range() needs: only of what is linear are errors looked at.
-Spread spread_to_judge(const Way& way);
-
 // Linear in its parameters first, then fewer unknowns, then the catalogue's order.
 std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way);
 
@@ -64,6 +61,13 @@ struct Sample {
     Blocks blocks;
     Block whole;
     std::vector<Block> rest;  // without every kFolds-th from the first, the second, ... on
+};
+
+// A way of an effect, and what a fit with it leaves of the blocks that it was fitted to. Left out of the fit
+// they can but leave more.
+struct BestPoint {
+    Way way;
+    double squares;
 };
 
 class Evidence {
@@ -100,13 +104,14 @@ class Evidence {
     double torque_share(double gap) const;
     double effect_torque_share(const Members& members, std::size_t member, const Fit& fit) const;
 
-    // A member is within its physical range: a friction that drives is none. `fit`: by spread_to_judge() of
-    // the member.
-    bool in_range(const Members& members, std::size_t member, const Fit& fit) const;
+    // The last member is within its physical range: a friction that drives is none. `fit`: of the members to
+    // the sample. Costs another where errors decide and it has none.
+    bool in_range(const Sample& sample, const Members& members, const Fit& fit) const;
     // That the last member is not there. One at a focus is taken as a whole for it.
     double probability_of_last(const Sample& sample, const Members& members) const;
     // The best of an effect's points in range, beside the members.
-    std::optional<Way> best_point(std::size_t effect, const Members& members, const Sample& sample) const;
+    std::optional<BestPoint> best_point(std::size_t effect, const Members& members,
+                                        const Sample& sample) const;
 
     Compared compared(const Members& one, const Members& other) const;
     Compared compared(const Compared& all, const Members& one, const Members& other) const;

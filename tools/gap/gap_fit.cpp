@@ -423,6 +423,10 @@ double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>
         tangent.add(by_direction(blocks, e, directions), gram, gradient);
     }
     gram.triangularView<Eigen::StrictlyUpper>() = gram.transpose();
+    // what of it is in the log is no more than roundings: an inertia's, where nothing turns
+    constexpr double kRoundings = 1e-20;
+    const double torque = at(kK7) * at(kK7) * gram(kK7, kK7) + at(kK8) * at(kK8) * gram(kK8, kK8);
+    if (!(gram.diagonal().tail(goal).sum() > kRoundings * torque)) return 1.0;
     const auto left_over = [&](Eigen::Index known) {
         Eigen::MatrixXd inner = gram.topLeftCorner(known, known);
         for (Eigen::Index i = 0; i < known; ++i) inner(i, i) += 1e-9 * inner(i, i) + 1e-12;

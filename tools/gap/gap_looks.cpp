@@ -85,7 +85,9 @@ Looks::Looks(LookOptions options)
     : options_(std::move(options)),
       block_options_(gap::block_options(options_.parts.training, options_.overview.noise_rad_per_s,
                                         options_.overview.speed_rms_rad_per_s)),
-      turning_(options_.overview.turning) {}
+      turning_(options_.overview.turning) {
+    block_options_.kept = &kept_;
+}
 
 std::optional<std::string> Looks::first_model() {
     model::Dynamics<double> start;
@@ -257,6 +259,7 @@ BlockSet Looks::held_out() const {
     if (!options_.parts.held_out) return {};
     BlockOptions made_with = block_options_;
     made_with.dictionary = &look_->dictionary;
+    made_with.kept = nullptr;  // those are of other parts
     BlockSet blocks = make_blocks(std::array{*options_.parts.held_out}, made_with);
     weigh(blocks, look_->colour);
     return blocks;

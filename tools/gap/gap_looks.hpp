@@ -35,6 +35,8 @@ struct Look {
 class Looks {
   public:
     explicit Looks(LookOptions options);
+    Looks(const Looks&) = delete;
+    Looks& operator=(const Looks&) = delete;
 
     // K5..K8 without anything that the given model does not have: columns are made with them. The text: why
     // these logs cannot be searched.
@@ -62,7 +64,7 @@ class Looks {
     BlockSet held_out() const;
     // For another dictionary, with K5..K8 of the last look and as closely as any came to look.
     Setting setting_found() const { return setting_for(dynamics_found()); }
-    // For other blocks of the parts learned from.
+    // For other blocks of the parts learned from; what is kept for them is the looks'.
     const BlockOptions& block_options() const { return block_options_; }
 
   private:
@@ -75,7 +77,8 @@ class Looks {
     bool near_enough() const;
 
     const LookOptions options_;
-    const BlockOptions block_options_;
+    KeptColumns kept_;
+    BlockOptions block_options_;
     bool turning_ = false;
     std::size_t blocks_ = 0;
     std::vector<std::size_t> only_;  // these are looked for, or, if none, all

@@ -107,19 +107,19 @@ class Outcome {
         const std::vector<double> mine_left = evidence_.left_out(all_, mine_there);
         for (std::size_t r = 0; r < model::kEffectCount; ++r) {
             if (r == mine.effect || contains(fewer, r) || evidence_.excluded(r)) continue;
-            std::optional<Way> best = evidence_.best_point(r, fewer, all_);
-            if (!best || !evidence_.excited(*best)) continue;
+            const std::optional<BestPoint> best = evidence_.best_point(r, fewer, all_);
+            if (!best || !evidence_.excited(best->way)) continue;
             // as many unknowns as the one it would stand for
-            if (mine.kind == Way::Kind::linear && !mine.together && best->together)
-                best = evidence_.ways(r).back();
-            const Members other = with(fewer, *best);
-            const Fit instead = evidence_.fit(all_, other, spread_to_judge(other.back()));
-            if (!evidence_.in_range(other, other.size() - 1, instead)) continue;
+            const bool apart = mine.kind == Way::Kind::linear && !mine.together && best->way.together;
+            const Way its = apart ? evidence_.ways(r).back() : best->way;
+            const Members other = with(fewer, its);
+            const Fit instead = evidence_.fit(all_, other, Spread::left_out);
+            if (!evidence_.in_range(all_, other, instead)) continue;
             Rival rival;
             rival.effect = r;
             rival.keeps = gain > 0 ? 1 - (squares(all_.blocks, instead) - with_all) / gain : 0.0;
             // a general effect that does no better than its special case is that
-            rival.alike = likeness(all_.blocks, bare, directions(mine), directions(*best)) > kAlike ||
+            rival.alike = likeness(all_.blocks, bare, directions(mine), directions(its)) > kAlike ||
                           (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
             const std::vector<Way> all = evidence_.ways(r);
             rival.coarse = evidence_.dictionary().can_focus(r) &&
@@ -131,7 +131,7 @@ class Outcome {
             auto [loss, here] =
                 evidence_.compared({evidence_.left_out(all_, other), mine_left}, other, mine_there);
             rival.richer =
-                unknowns(mine) < unknowns(*best) && rival.keeps < kNoBetter && !surely_less(loss, here);
+                unknowns(mine) < unknowns(its) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
             const bool told = evidence_.told_apart(mine_there, other);
             const bool worse = told || surely_positive(loss, kSignificance);

@@ -30,13 +30,8 @@ double mean_product(double a0, double a1, double b0, double b1) {
     return (2 * a0 * b0 + a0 * b1 + a1 * b0 + 2 * a1 * b1) / 6;
 }
 
-// The transform of a block of so many intervals: rows n, columns k. A sine is even or odd about the block's
-// middle, so only the first half is kept, of odd k and of even k.
-struct Sines {
-    Eigen::MatrixXd odd, even;
-};
-using KnownSines = std::map<std::pair<int, int>, Sines>;
-const Sines& sines(int intervals, int rows, KnownSines& known) {
+// Of a block of so many intervals; only the first half is kept.
+const Sines& sines(int intervals, int rows, std::map<std::pair<int, int>, Sines>& known) {
     Sines& s = known[{intervals, rows}];
     if (s.odd.size() == 0) {
         const int half = (intervals + 1) / 2;
@@ -71,9 +66,26 @@ Eigen::MatrixXd transformed(const Sines& s, const Eigen::MatrixXd& x) {
 class Maker {
   public:
     Maker(const BlockOptions& options, BlockSet& to)
-        : options_(options), to_(to), geometry_(options.dictionary->setting().geometry) {
-        const auto count = static_cast<Eigen::Index>(options.dictionary->columns().size());
+        : options_(options),
+          to_(to),
+          geometry_(options.dictionary->setting().geometry),
+          kept_(options.kept != nullptr ? *options.kept : nothing_kept_) {
+        const std::span<const Column> columns = options.dictionary->columns();
+        const auto count = static_cast<Eigen::Index>(columns.size());
         to_.wheel_power = Eigen::MatrixXd::Zero(count, count);
+        for (std::size_t c = 0; c < columns.size(); ++c) {
+            const std::optional<Source>& source = columns[c].source;
+            const auto found =
+                source ? std::find(kept_.source.begin(), kept_.source.end(), *source) : kept_.source.end();
+            fresh_.push_back(found == kept_.source.end());
+            slot_.push_back(fresh_.back() ? fresh_count_++ : found - kept_.source.begin());
+        }
+        if (options.kept == nullptr) return;
+        for (std::size_t c = 0; c < columns.size(); ++c) {
+            if (!fresh_[c] || !columns[c].source) continue;
+            kept_.source.push_back(*columns[c].source);
+            to_keep_.push_back(slot_[c]);
+        }
     }
 
     void add(const LogPart& part) {
@@ -82,7 +94,7 @@ class Maker {
         heading_ = log.start_heading_rad;
         angle_ = {};
         span_s_ = log.samples.back().t_s - log.samples.front().t_s;
-        walker_.emplace(*options_.dictionary);
+        walker_.emplace(*options_.dictionary, fresh_);
         come_to(part);
         const int longest = std::max(kFewestIntervals, static_cast<int>(std::lround(options_.block_s / dt)));
         const int shortest = std::max(kFewestIntervals, static_cast<int>(std::lround(kShortestBlock_s / dt)));
@@ -182,15 +194,15 @@ class Maker {
     void block(const LogPart& part, std::size_t begin, std::size_t end) {
         const MeasuredLog& log = *part.log;
         const double dt = log.period_s;
-        const auto count = static_cast<Eigen::Index>(options_.dictionary->columns().size());
         const auto together = std::max<std::size_t>(1, static_cast<std::size_t>(kLongest_s / dt + 1e-6));
         const std::size_t rows_of_time = (end - begin) / together;
         const auto intervals = static_cast<Eigen::Index>(rows_of_time);
         std::array<Eigen::MatrixXd, kEquations> x;
-        // column by interval, so that an interval's values lie side by side
-        for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(count + 1, intervals);
+        // column by interval, so that an interval's values lie side by side; last what was measured
+        for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(fresh_count_ + 1, intervals);
         const Eigen::Index looked_at = (intervals + kPowerOf - 1) / kPowerOf;
-        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(count, 2 * looked_at);
+        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(2 * looked_at, fresh_count_);
+        const Eigen::Index product = slot_[Dictionary::kProduct];
         for (std::size_t n = begin; n < end; ++n) {
             const auto row = static_cast<Eigen::Index>((n - begin) / together);
             if (row >= intervals) {  // fewer than make one
@@ -200,31 +212,30 @@ class Maker {
             const Interval interval = next(part, n);
             const Twist<double> u0 = model::twist_from_wheel_speeds(geometry_, interval.before);
             const Twist<double> u1 = model::twist_from_wheel_speeds(geometry_, interval.after);
-            x[kLinear](count, row) += u1.v_m_per_s - u0.v_m_per_s;
-            x[kTurning](count, row) += u1.omega_rad_per_s - u0.omega_rad_per_s;
+            x[kLinear](fresh_count_, row) += u1.v_m_per_s - u0.v_m_per_s;
+            x[kTurning](fresh_count_, row) += u1.omega_rad_per_s - u0.omega_rad_per_s;
             // both stand: whatever acts is held, nothing accelerates
             const bool stands = standing(log, n, part.end - 1, &WheelPair<double>::left);
             if (!stands) {
-                x[kLinear](Dictionary::kProduct, row) +=
-                    dt * mean_product(u0.omega_rad_per_s, u1.omega_rad_per_s, u0.omega_rad_per_s,
-                                      u1.omega_rad_per_s);
-                x[kTurning](Dictionary::kProduct, row) +=
+                x[kLinear](product, row) += dt * mean_product(u0.omega_rad_per_s, u1.omega_rad_per_s,
+                                                              u0.omega_rad_per_s, u1.omega_rad_per_s);
+                x[kTurning](product, row) +=
                     dt * mean_product(u0.v_m_per_s, u1.v_m_per_s, u0.omega_rad_per_s, u1.omega_rad_per_s);
             }
             walker_->step(interval, stands);
             if ((n - begin) % together != together - 1) continue;
             const bool for_power = row % kPowerOf == 0;
             const double share = 1 / double(together);
-            walker_->take_sums([&](int column, const WheelPair<double>& pair) {
+            walker_->take_sums([&](int of, const WheelPair<double>& pair) {
+                const Eigen::Index column = slot_[std::size_t(of)];
                 x[kLinear](column, row) = dt * pair.sum();
                 x[kTurning](column, row) = dt * pair.difference();
                 if (!for_power) return;
-                wheels(column, 2 * (row / kPowerOf)) = share * pair.left;
-                wheels(column, 2 * (row / kPowerOf) + 1) = share * pair.right;
+                wheels(2 * (row / kPowerOf), column) = share * pair.left;
+                wheels(2 * (row / kPowerOf) + 1, column) = share * pair.right;
             });
         }
         looked_at_ += looked_at;
-        to_.wheel_power += times_itself(wheels);
 
         Block made;
         made.log = part.index;
@@ -240,20 +251,50 @@ class Maker {
         const double right = geometry_.wheel_radius_m.right * options_.noise_rad_per_s.right;
         const double both = std::sqrt(left * left + right * right);
         const std::array<double, kEquations> sigma{both / 2, both / geometry_.track_m};
-        const Sines& transform = sines(static_cast<int>(intervals), rows, sines_);
+        const Sines& transform = sines(static_cast<int>(intervals), rows, kept_.sines);
+        if (kept_.pieces.size() == to_.blocks.size()) kept_.pieces.emplace_back();
+        KeptColumns::Piece& piece = kept_.pieces[to_.blocks.size()];
         for (std::size_t e = 0; e < kEquations; ++e) {
-            made.row[e] = transformed(transform, x[e]) / sigma[e];
+            made.row[e] = with_kept(transformed(transform, x[e]) / sigma[e], piece.row[e]);
             made.rows[e] = rows;
         }
+        to_.wheel_power += times_itself(with_kept(wheels, piece.wheels).transpose());
         made.first_Hz = 1 / (2 * length_s);
         to_.blocks.push_back(std::move(made));
+    }
+
+    // The columns of the dictionary, and what was made behind them, from what was made and what was kept;
+    // what was made is kept too.
+    Eigen::MatrixXd with_kept(const Eigen::MatrixXd& made, Eigen::MatrixXd& kept) const {
+        const auto count = static_cast<Eigen::Index>(fresh_.size());
+        const Eigen::Index behind = made.cols() - fresh_count_;
+        Eigen::MatrixXd all(made.rows(), count + behind);
+        for (Eigen::Index c = 0; c < count; ++c) {
+            const auto i = static_cast<std::size_t>(c);
+            if (fresh_[i]) {
+                all.col(c) = made.col(slot_[i]);
+            } else {
+                all.col(c) = kept.col(slot_[i]);
+            }
+        }
+        all.rightCols(behind) = made.rightCols(behind);
+        const Eigen::Index had = kept.cols();
+        kept.conservativeResize(made.rows(), had + static_cast<Eigen::Index>(to_keep_.size()));
+        for (std::size_t i = 0; i < to_keep_.size(); ++i)
+            kept.col(had + static_cast<Eigen::Index>(i)) = made.col(to_keep_[i]);
+        return all;
     }
 
     const BlockOptions& options_;
     BlockSet& to_;
     model::Geometry<double> geometry_;
     Eigen::Index looked_at_ = 0;
-    KnownSines sines_;
+    KeptColumns nothing_kept_;
+    KeptColumns& kept_;
+    std::vector<bool> fresh_;         // columns that are to be made
+    std::vector<Eigen::Index> slot_;  // where a column is in what is made, or in what was kept
+    Eigen::Index fresh_count_ = 0;
+    std::vector<Eigen::Index> to_keep_;  // of what is made
     std::optional<Dictionary::Walker> walker_;
     double heading_ = 0, span_s_ = 0;
     WheelPair<double> angle_;

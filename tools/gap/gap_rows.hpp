@@ -20,9 +20,11 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstddef>
+#include <map>
 #include <span>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 #include "firmware/model/dynamics.hpp"
@@ -58,8 +60,27 @@ struct Colour {
     }
 };
 
+// Half of a transform of a block's intervals (rows) to its equations (columns): a sine is even or odd about
+// the block's middle, of odd k and of even k.
+struct Sines {
+    Eigen::MatrixXd odd, even;
+};
+
+// What blocks of the same parts, made with the same options but for the dictionary, have in common: columns
+// of the same source. make_blocks() takes from it what it has and puts there what it had to make.
+struct KeptColumns {
+    struct Piece {
+        std::array<Eigen::MatrixXd, kEquations> row;  // of a block, a column for each source
+        Eigen::MatrixXd wheels;                       // a row for each: wheel torques, of both wheels in turn
+    };
+    std::vector<Source> source;
+    std::vector<Piece> pieces;
+    std::map<std::pair<int, int>, Sines> sines;  // by intervals and equations
+};
+
 struct BlockOptions {
     const Dictionary* dictionary = nullptr;  // its setting's dynamics are refined by the caller
+    KeptColumns* kept = nullptr;             // null: nothing is
     double block_s = 2;
     double highest_Hz = 25;
     WheelPair<double> noise_rad_per_s;

@@ -119,8 +119,8 @@ class Searcher {
         const auto [first, end] = evidence_.dictionary().linear_columns(effect);
         std::vector<Way> tried;
         if (first == end) {
-            const std::optional<Way> best = evidence_.best_point(effect, bare.members, select_);
-            if (best) tried.push_back(*best);
+            const auto best = evidence_.best_point(effect, bare.members, select_);
+            if (best) tried.push_back(best->way);
         } else {
             tried = evidence_.ways(effect);
         }
@@ -142,14 +142,14 @@ class Searcher {
                 t.rank_probability = signed_rank_probability(acting);
                 t.rank_blocks = acting.size();
             }
-            const Fit selected = evidence_.fit(select_, more, spread_to_judge(way));
+            const Fit selected = evidence_.fit(select_, more, Spread::left_out);
             if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
-            t.in_range = evidence_.in_range(more, last, selected);
+            t.in_range = evidence_.in_range(select_, more, selected);
             t.of_interest = evidence_.effect_torque_share(more, last, selected) >= least_share(more);
             t.confirmed = confirmed(bare.fit, selected);
             // one amount for both unless two are clearly apart
             if (tried.size() == 1 || best.gain == 0 ||
-                (t.gain > best.gain && apart(selected, first_amount_of(more, last)))) {
+                (t.gain > best.gain && apart(evidence_.fit(select_, more), first_amount_of(more, last)))) {
                 best = t;
             }
         }
@@ -337,7 +337,7 @@ class Searcher {
             const Members fewer = without(members_, i);
             if (const auto best = evidence_.best_point(members_[i].effect, fewer, all_);
                 best && members_[i].kind != Way::Kind::linear) {
-                members_[i] = *best;
+                members_[i] = best->way;
             }
             const double bare = evidence_.cross_validated(all_, fewer);
             Members held = with(fewer, members_[i]);
@@ -346,13 +346,14 @@ class Searcher {
             for (std::size_t r = 0; r < model::kEffectCount; ++r) {
                 if (r == general || contains(fewer, r) || evidence_.excluded(r)) continue;
                 for (const Members& others : evidence_.others_for(fewer)) {
-                    const std::optional<Way> best = evidence_.best_point(r, others, all_);
-                    if (!best || !evidence_.excited(*best)) continue;
-                    const Members taken = with(others, *best);
+                    const double most = mine + 4 * kTied * (bare - mine);
+                    const auto best = evidence_.best_point(r, others, all_);
+                    if (!best || best->squares > most || !evidence_.excited(best->way)) continue;
+                    const Members taken = with(others, best->way);
                     const double sum = evidence_.cross_validated(all_, taken);
-                    if (sum > mine + 4 * kTied * (bare - mine)) continue;
-                    const bool simpler =
-                        unknowns(others) <= unknowns(fewer) && simplicity(*best) < simplicity(held.back());
+                    if (sum > most) continue;
+                    const bool simpler = unknowns(others) <= unknowns(fewer) &&
+                                         simplicity(best->way) < simplicity(held.back());
                     const bool held_better = evidence_.better(held, taken);
                     if (simpler ? !held_better
                                 : evidence_.better(taken, held) && !held_better && sum < mine) {
@@ -384,9 +385,9 @@ class Searcher {
         for (std::size_t r = 0; r < model::kEffectCount; ++r) {
             if (contains(members_, r) || evidence_.excluded(r)) continue;
             for (const Members& others : evidence_.others_for(fewer)) {
-                const std::optional<Way> best = evidence_.best_point(r, others, all_);
-                if (!best || !evidence_.excited(*best)) continue;
-                const Members taken = with(others, *best);
+                const auto best = evidence_.best_point(r, others, all_);
+                if (!best || best->squares >= mine || !evidence_.excited(best->way)) continue;
+                const Members taken = with(others, best->way);
                 const double sum = evidence_.cross_validated(all_, taken);
                 if (!(sum < mine) || evidence_.better(held, taken)) continue;
                 held = taken;

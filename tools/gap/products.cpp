@@ -24,7 +24,7 @@ Eigen::MatrixXd times_itself(const Eigen::MatrixXd& a) {
     Eigen::MatrixXd c(a.rows(), a.rows());
     cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, size(a.rows()), size(a.cols()), 1.0, a.data(),
                 stride(a), 0.0, c.data(), stride(c));
-    c.triangularView<Eigen::StrictlyUpper>() = c.transpose().eval();
+    for (Eigen::Index j = 1; j < c.cols(); ++j) c.col(j).head(j) = c.row(j).head(j).transpose();
     return c;
 }
 
