@@ -249,6 +249,12 @@ model::Dynamics<double> Looks::dynamics_found() const {
     return dynamics_of(look_->search.after, turning_, options_.geometry.track_m);
 }
 
+Setting Looks::setting_found() const {
+    Setting setting = look_->dictionary.setting();
+    setting.dynamics = dynamics_found();
+    return setting;
+}
+
 Setting Looks::setting_for(const model::Dynamics<double>& dynamics) const {
     const Overview& o = options_.overview;
     return {options_.geometry, dynamics,     o.peak_torque_Nm, o.peak_speed_rad_per_s, o.span_s,

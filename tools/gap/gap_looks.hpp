@@ -62,8 +62,8 @@ class Looks {
     const Look& last() const { return *look_; }
     // Of the held-out part, with the columns of the last look; none without one. Made at each call.
     BlockSet held_out() const;
-    // For another dictionary, with K5..K8 of the last look and as closely as any came to look.
-    Setting setting_found() const { return setting_for(dynamics_found()); }
+    // For another dictionary, with K5..K8 of the last look and as closely as it came to look.
+    Setting setting_found() const;
     // For other blocks of the parts learned from; what is kept for them is the looks'.
     const BlockOptions& block_options() const { return block_options_; }
 

@@ -13,7 +13,9 @@ constexpr double kFastest_Hz = 200;  // of the differences that are taken
 constexpr double kStep_s = 0.004;    // of the simulation: what is refined is smooth or dry, and has no delay
 constexpr double kClearlyBetter = 0.9;
 constexpr int kMostEvaluations = 8;  // a right model needs six
-constexpr double kMove = 1e-3;       // of a parameter's scale, for its slope
+// Of a parameter's scale, for its slope. Where friction holds the robot or lets it go the misses jump, and
+// with smaller moves there are slopes that lead nowhere.
+constexpr double kMove = 0.03;
 
 // Residuals of all pieces and their slopes. Unknowns: the parameters as differences from the start over their
 // scale, then each piece's two speeds at its start as differences from the measured ones.
