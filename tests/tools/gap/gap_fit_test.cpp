@@ -152,6 +152,34 @@ TEST(GapRefine, free_runs_bring_a_fit_that_is_off_back_to_the_truth) {
     CHECK(!gap::refine_by_free_run(refined->fit, pieces, 0.1, robot_of).has_value());
 }
 
+// Where friction holds the robot at times, the misses jump with every parameter: slopes over small moves lead
+// nowhere.
+TEST(GapRefine, free_runs_of_a_robot_that_sticks_reach_the_noise) {
+    const std::size_t scrub = model::find_effect("turning_scrub");
+    const test::HiddenLog hidden = test::hidden_log({"turning_scrub", 0, {0.6}}, 4, 0.05, 40, 100);
+    const gap::LogPart part{&hidden.log, 0, 0, hidden.log.samples.size(), 0, nullptr};
+    const std::vector<gap::Stretch> pieces = gap::stretches(std::span(&part, 1), 5, hidden.geometry);
+    const auto robot_of = [&](const gap::Fit& f) {
+        gap::SimulatedRobot robot;
+        robot.geometry = hidden.geometry;
+        robot.dynamics = {f.value(0), f.value(1), f.value(2), f.value(3)};
+        robot.effects.active[scrub] = true;
+        robot.effects.parameter[scrub] = {f.value(kAt)};
+        return robot;
+    };
+    gap::Fit weak;
+    weak.shape.amounts = {{{2}}, {{3}}};
+    weak.value = Eigen::VectorXd::Zero(6);
+    weak.value << 0.038, -1.0, 1.02, 5.1, 0, 0.63;
+    weak.covariance = Eigen::MatrixXd::Zero(6, 6);
+    const auto refined = gap::refine_by_free_run(weak, pieces, 0.001, robot_of);
+    CHECK(refined.has_value());
+    std::printf("  free run %.3g -> %.3g rad/s, friction %.4f +- %.4f\n", refined->weak_rad_per_s,
+                refined->rad_per_s, refined->fit.value(kAt), refined->fit.error(kAt));
+    DOUBLES_EQUAL(0.05, refined->rad_per_s, 0.005);
+    DOUBLES_EQUAL(0.6, refined->fit.value(kAt), 3 * refined->fit.error(kAt));
+}
+
 TEST(GapRefine, a_free_run_that_begins_midway_knows_what_the_tyres_slip) {
     gap::SimulatedRobot robot;
     robot.geometry = {{0.0743, 0.0743}, 0.327};
