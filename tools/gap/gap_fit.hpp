@@ -2,8 +2,8 @@
 // Gauss-Newton in the parameters
 //   K5, K6, K7, K8, amounts p_1 ... p_m,
 // with the coefficients  product: K5 | K6,  torque: K7 | K8,  column j of
-// amount i: K7 p_i | K8 p_i. A fit costs some fifty thousand operations, whatever the log's length; errors cost
-// several times that.
+// amount i: K7 p_i | K8 p_i. A fit costs some fifty thousand operations, whatever the log's length; errors
+// cost several times that.
 #pragma once
 
 #include <Eigen/Core>
