@@ -24,6 +24,7 @@ constexpr double kSpikeShare = 0.4;         // of the usual speed, at least
 constexpr std::size_t kHeld = 3;            // repeats in a row
 constexpr double kChance = 1e-3;            // that a log repeats so by itself
 constexpr double kCoarse_rad_per_s = 0.02;  // a smaller step of the speeds is noise like any other
+constexpr double kFine_rad_per_s = 1e-4;    // but for speeds that repeat, down to what a log's digits tell
 constexpr double kBiasOfInterest_rad_per_s = 0.003;
 constexpr double kLagOfInterest_s = 0.004;
 constexpr double kSure = 5;  // standard errors
@@ -85,8 +86,8 @@ void repair_spikes(MeasuredLog& log, std::vector<LogFault>& faults) {
     }
 }
 
-// The step that all speeds are whole multiples of; 0: none, or one too fine to matter.
-double common_step(std::span<const MeasuredLog> logs) {
+// The step that all speeds are whole multiples of; 0: none that is not finer than `finest`.
+double common_step(std::span<const MeasuredLog> logs, double finest_rad_per_s) {
     double least = 1e9;
     double largest = 0;
     for (const MeasuredLog& log : logs) {
@@ -95,12 +96,12 @@ double common_step(std::span<const MeasuredLog> logs) {
                 const double a = log.samples[i - 1].speed_rad_per_s.*side;
                 const double b = log.samples[i].speed_rad_per_s.*side;
                 const double size = std::abs(b - a);
-                if (size > kCoarse_rad_per_s / 2) least = std::min(least, size);
+                if (size > finest_rad_per_s / 2) least = std::min(least, size);
                 largest = std::max(largest, std::abs(b));
             }
         }
     }
-    if (least > largest / 8 || least < kCoarse_rad_per_s) return 0;
+    if (least > largest / 8 || least < finest_rad_per_s) return 0;
     // the step from ever larger multiples, which know it better
     double step = least;
     for (double reach = 8; reach * step < 2 * largest; reach *= 4) {
@@ -132,7 +133,9 @@ double common_step(std::span<const MeasuredLog> logs) {
     return double(off) < 0.05 * double(all) ? step : 0.0;
 }
 
-void mark_held(const MeasuredLog& log, std::vector<bool>& unusable, std::vector<LogFault>& faults) {
+// `step`: that the speeds are told in; 0: none.
+void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
+               std::vector<LogFault>& faults) {
     const auto repeats = [&](std::size_t i) {
         const MeasuredSample& a = log.samples[i - 1];
         const MeasuredSample& b = log.samples[i];
@@ -163,13 +166,15 @@ void mark_held(const MeasuredLog& log, std::vector<bool>& unusable, std::vector<
         i = std::max(end, i + 1);
     }
     const double chance = moving > 0 ? alone / moving : 1.0;
-    // told in coarse steps a steady speed repeats, and goes on by one of them
-    const double step = common_step(std::span(&log, 1));
+    // told in steps a steady speed repeats, and goes on by one of them, or as fast as it goes on from there:
+    // behind samples that were lost it leaps by what all of them lacked
     const auto goes_on = [&](std::size_t end) {
         if (step == 0 || end >= log.samples.size()) return step > 0;
-        const WheelPair<double>& a = log.samples[end - 1].speed_rad_per_s;
-        const WheelPair<double>& b = log.samples[end].speed_rad_per_s;
-        return std::abs(b.left - a.left) < 1.5 * step && std::abs(b.right - a.right) < 1.5 * step;
+        return std::all_of(kSides.begin(), kSides.end(), [&](const Side side) {
+            const auto speed = [&](std::size_t i) { return log.samples[i].speed_rad_per_s.*side; };
+            const double next = end + 1 < log.samples.size() ? speed(end + 1) - speed(end) : 0.0;
+            return std::abs(speed(end) - speed(end - 1)) < 1.5 * step + 2 * std::abs(next);
+        });
     };
     std::size_t count = 0;
     double first_s = 0;
@@ -385,14 +390,16 @@ std::vector<LogFault> repair(MeasuredLog& log, std::vector<bool>& unusable) {
     std::vector<LogFault> faults;
     unusable.assign(log.samples.size(), false);
     if (log.samples.size() < 10) return faults;
+    const double step =
+        common_step(std::span(&log, 1), kFine_rad_per_s);  // before speeds are put between others
     repair_spikes(log, faults);
-    mark_held(log, unusable, faults);
+    mark_held(log, step, unusable, faults);
     return faults;
 }
 
 Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& geometry) {
     Sensors sensors;
-    if (const double step = common_step(logs); step > 0) {
+    if (const double step = common_step(logs, kCoarse_rad_per_s); step > 0) {
         const double counts = 2 * std::numbers::pi / (step * model::EncoderQuantisation::kCountingTime_s);
         sensors.effects.push_back({model::find_effect("encoder_quantisation"), counts, 1e-4 * counts});
     }

@@ -286,6 +286,30 @@ TEST(GapFindings, a_steady_speed_in_coarse_steps_is_no_dropout) {
     STRCMP_EQUAL("log_dropouts", faults.front().name.c_str());
 }
 
+// An encoder of 65536 counts, told over 10 ms: finer than what `encoder_quantisation` is named for.
+TEST(GapFindings, a_robot_that_waits_and_starts_again_loses_no_samples) {
+    constexpr double kStep_rad_per_s = 0.0095874;
+    const auto told = [](double t_s) {  // held by friction, faster and faster, steady, and to a halt
+        const double w = std::clamp(std::min(4 * (t_s - 2), 4 * (8 - t_s)), 0.0, 6.0);
+        return kStep_rad_per_s * std::round(w / kStep_rad_per_s);
+    };
+    tools::MeasuredLog log;
+    log.period_s = 0.004;
+    for (int i = 0; i < 2500; ++i) {
+        const double t_s = 0.004 * i;
+        log.samples.push_back({t_s, {0.1, 0.1}, {3 * kStep_rad_per_s + told(t_s), told(t_s + 0.2)}});
+    }
+    std::vector<bool> unusable;
+    CHECK(gap::repair(log, unusable).empty());
+    // on its way up
+    const WheelPair<double> held = log.samples[625].speed_rad_per_s;
+    for (std::size_t i = 625; i < 665; ++i) log.samples[i].speed_rad_per_s = held;
+    const auto faults = gap::repair(log, unusable);
+    CHECK_EQUAL(1, faults.size());
+    STRCMP_EQUAL("log_dropouts", faults.front().name.c_str());
+    CHECK_EQUAL(39, faults.front().count);
+}
+
 TEST(GapFindings, unusable_logs_say_why) {
     const HiddenLog good = test::hidden_log({}, 9, 0.01, kDuration_s, kRate_Hz);
     const auto problem = [&](auto&& spoil) {
