@@ -258,6 +258,13 @@ std::string json(const Findings& f, const Request& request) {
     Json log;
     log["files"] = request.logs;
     log["notes"] = f.notes;
+    log["faults"] = Json::array();
+    for (const LogFault& fault : f.faults) {
+        log["faults"].push_back({{"name", fault.name},
+                                 {"samples", fault.count},
+                                 {"share", number(fault.rate)},
+                                 {"first_s", number(fault.first_s)}});
+    }
     log["duration_s"] = number(f.duration_s);
     log["rate_Hz"] = number(f.rate_Hz);
     log["blocks"] = f.blocks;

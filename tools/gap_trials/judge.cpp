@@ -147,6 +147,9 @@ Finding read_gap_json(std::string_view json) {
     for (const Json& place : member(root, "where")) {
         if (place.is_object() && !text(place, "place").empty()) finding.where.push_back(text(place, "place"));
     }
+    for (const Json& fault : member(member(root, "log"), "faults")) {
+        if (fault.is_object()) finding.faults.push_back(text(fault, "name"));
+    }
     for (const Json& name : member(root, "expressible")) {
         if (name.is_string()) finding.expressible.push_back(name.get<std::string>());
     }
@@ -175,6 +178,7 @@ Json finding_json(const Finding& f) {
             {{"name", effect.name}, {"parameters", parameters}, {"rivals", effect.rivals}});
     }
     if (!f.expressible.empty()) finding["expressible"] = f.expressible;
+    for (const std::string& fault : f.faults) finding["log"]["faults"].push_back({{"name", fault}});
     for (const std::string& place : f.where) finding["where"].push_back({{"place", place}});
     if (f.window_after_rad_per_s) finding["window_after"] = *f.window_after_rad_per_s;
     if (f.window_nominal_rad_per_s) finding["window_nominal"] = *f.window_nominal_rad_per_s;
@@ -389,7 +393,8 @@ std::vector<MethodRow> methods_of(const std::vector<Outcome>& outcomes) {
 
 Summary summarise(const std::vector<Outcome>& outcomes) {
     Summary sum;
-    Share strong, mild, pairs_exact, pairs_contained, alarms, named_alarms, extra, blind, covered, faults;
+    Share strong, mild, pairs_exact, pairs_contained, alarms, named_alarms, extra, blind, covered, faults,
+        no_damage;
     std::map<std::string, Share> by_effect;
     std::map<std::array<std::string, 3>, TrialCell> cells;
     std::map<std::pair<std::string, std::string>, std::size_t> confusions;
@@ -440,6 +445,9 @@ Summary summarise(const std::vector<Outcome>& outcomes) {
             }
         }
         if (t.kind == "fault") faults.add(o.finding.verdict == "named");
+        const std::set<std::string> damage = names_of(t.effects);
+        no_damage.add(std::any_of(o.finding.faults.begin(), o.finding.faults.end(),
+                                  [&](const std::string& fault) { return !damage.contains(fault); }));
         if ((t.kind == "single" || t.kind == "pair") && t.identifiable) {
             const bool some_right =
                 o.finding.verdict == "named" &&
@@ -513,6 +521,8 @@ Summary summarise(const std::vector<Outcome>& outcomes) {
                        worse.size(), "%", 1, 0, true));
     Measure fault = share("log faults", "names given to damaged logs", faults.hits, faults.n, 5, 1, true);
     m.push_back(std::move(fault));
+    m.push_back(share("log whole", "logs said to be damaged in a way that they are not", no_damage.hits,
+                      no_damage.n, 5, 1, true));
 
     for (Measure& further : further_measures(outcomes)) m.push_back(std::move(further));
     sum.held_out = held_out(outcomes);

@@ -55,7 +55,8 @@ struct Finding {
     // The same over windows of 5 s: the extended model, and the given one where one was given.
     std::optional<double> window_after_rad_per_s;
     std::optional<double> window_nominal_rad_per_s;
-    std::vector<std::string> where;  // places where model and measurement part, the most telling first
+    std::vector<std::string> faults;  // of the log, as the catalogue of hidden effects calls them
+    std::vector<std::string> where;   // places where model and measurement part, the most telling first
     double seconds = 0;
     double memory_bytes = 0;
     std::string problem;                   // why there is no answer

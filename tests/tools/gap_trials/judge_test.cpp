@@ -75,6 +75,17 @@ TEST(TrialsJudge, TheRightNameIsExactAndItsParametersAreCompared) {
     DOUBLES_EQUAL(0.1, *o.finding.heldout_after_rad_per_s, 0);
 }
 
+TEST(TrialsJudge, DamageThatALogDoesNotHaveIsCounted) {
+    const std::string dropouts =
+        R"({"verdict": "nothing_missing", "effects": [], "log": {"faults": [{"name": "log_dropouts", "samples": 12}]}})";
+    const std::string damaged =
+        R"({"id": "log-4", "kind": "fault", "plant": "ode", "effects": [
+        {"name": "log_dropouts", "size": "mild", "parameters": {}}], "noise": "low", "motions": [], "rate_Hz": 100, "gyro": false})";
+    const Summary sum = summarise({judged(kNothing, dropouts), judged(damaged, dropouts),
+                                   judged(kNothing, R"({"verdict": "nothing_missing", "effects": []})")});
+    DOUBLES_EQUAL(100.0 / 3, *measure(sum, "log whole").value, 1e-9);
+}
+
 TEST(TrialsJudge, WrongNamesAreConfidentUnlessTheRightOneIsListed) {
     CHECK(judged(label("viscous_friction"), named(kCoulomb)).confidently_wrong);
     const Outcome listed = judged(label("dead_zone"), named(kCoulomb));
