@@ -94,7 +94,7 @@ class Dictionary {
     // Sums all columns but kProduct along a log.
     class Walker {
       public:
-        // Columns that are not wanted stay zero; none named: all are wanted.
+        // `wanted`: one for each column; take_sums() passes over the others. Empty: all are.
         explicit Walker(const Dictionary& dictionary, const std::vector<bool>& wanted = {});
         // Goes on by an interval; standing: nothing acts, but time passes.
         void step(const Interval& interval, bool standing);

@@ -72,7 +72,8 @@ Eigen::MatrixXd by_direction(const Eigen::MatrixXd& product, const Directions& d
 Eigen::MatrixXd by_direction(std::span<const Block* const> blocks, std::size_t equation,
                              const Directions& directions);
 
-// One equation at a point of a model.
+// One equation at a point of a model: move() first, and again for another point. The directions must outlive
+// it. Matrices r are of size() square; a call costs a few products of one with a vector.
 class Tangent {
   public:
     Tangent(const Directions& directions, std::size_t equation);

@@ -8,7 +8,7 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr Eigen::Index kK7 = 2, kTiming = 4;
+constexpr Eigen::Index kK7 = gain_of(kLinear), kTiming = kFirstAmount;
 constexpr double kFastest_Hz = 200;  // of the differences that are taken
 constexpr double kStep_s = 0.004;    // of the simulation: what is refined is smooth or dry, and has no delay
 constexpr double kClearlyBetter = 0.9;

@@ -67,7 +67,8 @@ struct Sines {
 };
 
 // What blocks of the same parts, made with the same options but for the dictionary, have in common: columns
-// of the same source. make_blocks() takes from it what it has and puts there what it had to make.
+// of the same source. make_blocks() takes from it what it has and puts there what it had to make; that the
+// parts are the same is not checked.
 struct KeptColumns {
     struct Piece {
         std::array<Eigen::MatrixXd, kEquations> row;  // of a block, a column for each source

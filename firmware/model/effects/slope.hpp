@@ -23,7 +23,7 @@ struct Slope {
                                      "Newton's law, gravity on an incline", parameters,
                                      "gravity's pull is taken from the command, by the heading"};
 
-    static constexpr bool columns_by_dynamics = true;
+    static constexpr bool columns_by_dynamics = true;  // ColumnsByDynamics: mass and moment are K7's and K5's
     template <typename Real>
     static constexpr BodyForce<Real> column(unsigned k, const EffectContext<Real>& at) {
         const auto [sine, cosine] = sine_cosine(at.motion.heading_rad);

@@ -25,6 +25,7 @@ struct StribeckFriction {
     static constexpr Real dry_limit(const Parameters<Real>& p, Real sliding_speed_rad_per_s) {
         return limit_of_share(p, share_of_static(p, sliding_speed_rad_per_s));
     }
+    // The same in Nm, where `share` (share_of_static(), 0 to 1) is known.
     template <typename Real>
     static constexpr Real limit_of_share(const Parameters<Real>& p, Real share) {
         return p[0] + (p[1] - p[0]) * share;

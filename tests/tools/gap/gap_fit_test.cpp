@@ -1,7 +1,10 @@
 // Fits on blocks of rows, and their refinement by output error.
+#include <array>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <random>
+#include <string_view>
 #include <vector>
 
 #include "sim_hal/plant.hpp"
@@ -124,59 +127,69 @@ TEST(GapFit, beyond_noise_is_the_torque_that_is_missing) {
 
 TEST_GROUP(GapRefine){};
 
+namespace {
+
+// A robot with one effect, driven; and a fit of K5..K8, a timing and the effect's amount, that is off.
+struct Off {
+    test::HiddenLog hidden;
+    std::size_t effect;
+    gap::LogPart part{&hidden.log, 0, 0, hidden.log.samples.size(), 0, nullptr};
+    std::vector<gap::Stretch> pieces = gap::stretches(std::span(&part, 1), 5, hidden.geometry);
+    gap::Fit weak{};
+
+    Off(const test::HiddenLog& log, std::string_view name, const gap::Amount& columns,
+        const std::array<double, 5>& k_and_amount)
+        : hidden(log), effect(model::find_effect(name)) {
+        weak.shape.amounts = {{{2}}, columns};
+        const auto& [k5, k6, k7, k8, amount] = k_and_amount;
+        weak.value = Eigen::VectorXd::Zero(6);
+        weak.value << k5, k6, k7, k8, 0, amount;
+        weak.covariance = Eigen::MatrixXd::Zero(6, 6);
+    }
+    Off(const Off&) = delete;
+    Off& operator=(const Off&) = delete;
+
+    std::optional<gap::Refined> refined(const gap::Fit& from, double small_rad_per_s) const {
+        const auto robot_of = [this](const gap::Fit& f) {
+            gap::SimulatedRobot robot;
+            robot.geometry = hidden.geometry;
+            robot.dynamics = {f.value(0), f.value(1), f.value(2), f.value(3)};
+            robot.effects.active[effect] = true;
+            for (std::size_t i = 0; i < model::kEffects[effect].parameters.size(); ++i)
+                robot.effects.parameter[effect][i] = f.value(kAt);
+            return robot;
+        };
+        const auto found = gap::refine_by_free_run(from, pieces, small_rad_per_s, robot_of);
+        if (found) {
+            std::printf("  free run %.3g -> %.3g rad/s, friction %.4f +- %.4f\n", found->weak_rad_per_s,
+                        found->rad_per_s, found->fit.value(kAt), found->fit.error(kAt));
+        }
+        return found;
+    }
+};
+
+}  // namespace
+
+// K5..K8 of a robot like it, and half of the friction.
 TEST(GapRefine, free_runs_bring_a_fit_that_is_off_back_to_the_truth) {
-    const test::HiddenLog hidden = test::hidden_log({"viscous_friction", 0, {0.03, 0.03}}, 4, 0.01, 20, 100);
-    const std::size_t viscous = model::find_effect("viscous_friction");
-    const gap::LogPart part{&hidden.log, 0, 0, hidden.log.samples.size(), 0, nullptr};
-    const std::vector<gap::Stretch> pieces = gap::stretches(std::span(&part, 1), 5, hidden.geometry);
-    const auto robot_of = [&](const gap::Fit& f) {
-        gap::SimulatedRobot robot;
-        robot.geometry = hidden.geometry;
-        robot.dynamics = {f.value(0), f.value(1), f.value(2), f.value(3)};
-        robot.effects.active[viscous] = true;
-        robot.effects.parameter[viscous] = {f.value(kAt), f.value(kAt)};
-        return robot;
-    };
-    gap::Fit weak;
-    weak.shape.amounts = {{{2}}, {{3, 4}}};
-    weak.value = Eigen::VectorXd::Zero(6);
-    // K5..K8 of a robot like it, and half of the friction
-    weak.value << 0.03, -1.0, 1.0, 5.0, 0, 0.015;
-    weak.covariance = Eigen::MatrixXd::Zero(6, 6);
-    const auto refined = gap::refine_by_free_run(weak, pieces, 0.001, robot_of);
+    const Off off(test::hidden_log({"viscous_friction", 0, {0.03, 0.03}}, 4, 0.01, 20, 100),
+                  "viscous_friction", {{3, 4}}, {0.03, -1.0, 1.0, 5.0, 0.015});
+    const auto refined = off.refined(off.weak, 0.001);
     CHECK(refined.has_value());
-    std::printf("  free run %.3g -> %.3g rad/s, friction %.4f +- %.4f\n", refined->weak_rad_per_s,
-                refined->rad_per_s, refined->fit.value(kAt), refined->fit.error(kAt));
     DOUBLES_EQUAL(0.01, refined->rad_per_s, 0.003);
     DOUBLES_EQUAL(0.03, refined->fit.value(kAt), 0.002);
-    CHECK(!gap::refine_by_free_run(refined->fit, pieces, 0.1, robot_of).has_value());
+    CHECK(!off.refined(refined->fit, 0.1).has_value());
 }
 
 // Where friction holds the robot at times, the misses jump with every parameter: slopes over small moves lead
 // nowhere.
 TEST(GapRefine, free_runs_of_a_robot_that_sticks_reach_the_noise) {
-    const std::size_t scrub = model::find_effect("turning_scrub");
-    const test::HiddenLog hidden = test::hidden_log({"turning_scrub", 0, {0.6}}, 4, 0.05, 40, 100);
-    const gap::LogPart part{&hidden.log, 0, 0, hidden.log.samples.size(), 0, nullptr};
-    const std::vector<gap::Stretch> pieces = gap::stretches(std::span(&part, 1), 5, hidden.geometry);
-    const auto robot_of = [&](const gap::Fit& f) {
-        gap::SimulatedRobot robot;
-        robot.geometry = hidden.geometry;
-        robot.dynamics = {f.value(0), f.value(1), f.value(2), f.value(3)};
-        robot.effects.active[scrub] = true;
-        robot.effects.parameter[scrub] = {f.value(kAt)};
-        return robot;
-    };
-    gap::Fit weak;
-    weak.shape.amounts = {{{2}}, {{3}}};
-    weak.value = Eigen::VectorXd::Zero(6);
-    weak.value << 0.038, -1.0, 1.02, 5.1, 0, 0.63;
-    weak.covariance = Eigen::MatrixXd::Zero(6, 6);
-    const auto refined = gap::refine_by_free_run(weak, pieces, 0.001, robot_of);
+    const Off off(test::hidden_log({"turning_scrub", 0, {0.6}}, 4, 0.05, 40, 100), "turning_scrub", {{3}},
+                  {0.038, -1.0, 1.02, 5.1, 0.63});
+    const auto refined = off.refined(off.weak, 0.001);
     CHECK(refined.has_value());
-    std::printf("  free run %.3g -> %.3g rad/s, friction %.4f +- %.4f\n", refined->weak_rad_per_s,
-                refined->rad_per_s, refined->fit.value(kAt), refined->fit.error(kAt));
     DOUBLES_EQUAL(0.05, refined->rad_per_s, 0.005);
+    CHECK(refined->fit.error(kAt) < 0.001);
     DOUBLES_EQUAL(0.6, refined->fit.value(kAt), 3 * refined->fit.error(kAt));
 }
 
