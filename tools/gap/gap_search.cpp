@@ -182,18 +182,23 @@ class Searcher {
         return best;
     }
 
-    bool acceptable(const Trial& t, std::size_t tested, double closable) const {
+    // On the blocks that select, whatever the others say.
+    bool sure(const Trial& t, std::size_t tested) const {
         // by one test after Holm, and by the other at least alone; few blocks have few ranks
         const double level = members_.empty() ? kSignificanceAlone : kSignificance;
         const double strict = level / double(tested);
         const double rank = std::max(level, std::pow(0.5, double(t.rank_blocks)) * 1.001);
         const bool significant = (t.probability <= strict && t.rank_probability <= rank) ||
                                  (t.probability <= level && t.rank_probability <= strict);
+        return significant && t.in_range && t.of_interest && t.gain > 0 &&
+               t.gain >= kLeastShareOfAll * closable_at_first_;
+    }
+
+    bool acceptable(const Trial& t, std::size_t tested, double closable) const {
         const auto& earlier = evidence_.options().confirmed;
         const bool confirmed =
             t.confirmed || std::find(earlier.begin(), earlier.end(), t.way.effect) != earlier.end();
-        return significant && t.in_range && t.of_interest && confirmed && t.gain > 0 &&
-               t.gain >= kLeastShareOfClosable * closable && t.gain >= kLeastShareOfAll * closable_at_first_;
+        return sure(t, tested) && confirmed && t.gain >= kLeastShareOfClosable * closable;
     }
 
     void forward() {
@@ -217,7 +222,8 @@ class Searcher {
                 probability_[simplest->way.effect] = simplest->probability;
                 members_.push_back(simplest->way);
                 take_apart();
-            } else if (evidence_.torque_share(closable / row_count(select_.blocks, result_.base.shape)) <
+            } else if (const double missing = std::max(closable, trials.front().gain);
+                       evidence_.torque_share(missing / row_count(select_.blocks, result_.base.shape)) <
                        kLargeGap) {
                 break;
             } else if (!add_two(trials, closable)) {
@@ -227,12 +233,13 @@ class Searcher {
         }
     }
 
-    // Where much is missing: what is sure at a point of its grid and explains too little there. It may
-    // explain more between the points, which a closer look will tell.
+    // Where much is missing: what is sure at a point of its grid, but explains too little there or is not
+    // confirmed, as a block is not in which a load was put on at another time than the grid's. It may explain
+    // more between the points, which a closer look will tell.
     void note_leads(const std::vector<Trial>& trials) {
         for (const Trial& t : trials) {
             if (t.way.kind != Way::Kind::grid || !evidence_.dictionary().can_focus(t.way.effect) ||
-                !acceptable(t, trials.size(), 0)) {
+                !sure(t, trials.size())) {
                 continue;
             }
             const Members more = with(members_, t.way);
