@@ -157,12 +157,12 @@ class Fit {
     // The sum of squares that is left. Ties hold by iteration of the ratio; columns of the wrong sign leave
     // one after the other, and for good.
     double left() {
-        constexpr int kRounds = 6;
-        for (int round = 0; round < kRounds; ++round) {
+        constexpr int kMoves = 6;  // of the ratio
+        for (int moves = 0; moves < kMoves;) {
             solve();
-            const bool dropped = drop_wrong_sign();
-            const bool moved = move_ratio();
-            if (!dropped && !moved) break;
+            if (drop_wrong_sign()) continue;
+            if (!move_ratio()) break;
+            ++moves;
         }
         return left_;
     }
