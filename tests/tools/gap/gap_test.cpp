@@ -133,6 +133,24 @@ TEST(GapSearch, a_short_log_that_tells_is_not_outvoted_by_a_long_one_that_does_n
     }
 }
 
+// Also in a block that is to confirm what others chose, and between the times that are tried first.
+TEST(GapSearch, a_load_is_found_whenever_it_is_put_on) {
+    int found = 0, all = 0;
+    for (double time_s = 4.5; time_s < 40; time_s += 1.5) {
+        const HiddenLog hidden = test::hidden_log({"payload_step", 0, {time_s, 4.4, 0.12}}, 5, 0.003, 50, 50);
+        const gap::Findings f = analyse(hidden);
+        const bool right = names_of(f) == " payload_step" && f.search.verdict == gap::Verdict::named &&
+                           std::abs(f.search.points.at(model::find_effect("payload_step"))[0] - time_s) < 1.0;
+        if (!right) {
+            std::printf("load at %g s: %s:%s\n", time_s, gap::verdict_name(f.search.verdict),
+                        names_of(f).c_str());
+        }
+        found += right;
+        ++all;
+    }
+    LONGS_EQUAL(all, found);
+}
+
 // Half a per cent of the torque, where it is all that is missing.
 TEST(GapSearch, radii_that_differ_by_little_are_named_without_a_gyro) {
     const gap::Findings f =
