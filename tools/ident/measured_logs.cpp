@@ -2,13 +2,12 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <limits>
-#include <numeric>
 
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ident/findings.hpp"
+#include "tools/ident/measured_signals.hpp"
 #include "tools/ident/speed_rows.hpp"
 
 namespace wheelwright::tools {
@@ -19,23 +18,9 @@ constexpr std::array kColours{0.0, 0.3, 0.5, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.
 constexpr double kLongestMemory_s = 2;  // of the filter the rows are seen through
 constexpr double kMemoriesInLog = 20;   // at least
 constexpr double kLongestDelay_s = 0.15;
-constexpr double kStandingShare = 0.02;  // of the fastest wheel speed: slower counts as standing still
-constexpr double kStandingShareNoisy = 0.1;
-constexpr double kMethodShare = 1e-3;      // of a value: what simulated logs without noise leave
-constexpr double kFineReversal_s = 0.004;  // samples closer than this see a reversal well enough
-constexpr double kMostReversals = 0.4;     // of the intervals
+constexpr double kMethodShare = 1e-3;  // of a value: what simulated logs without noise leave
 constexpr std::size_t kRowsPerParameter = 8;
-constexpr double kSteadyTorque = 1e-4;  // share of the largest torque by which a steady one may vary
-constexpr double kStuckShare = 0.2;     // of a log: more readings at the sensor's limit make it useless
-constexpr double kStuck_s = 0.1;
-constexpr std::size_t kStuckSamples = 8;
 constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
-
-using Side = double WheelPair<double>::*;
-constexpr std::array<Side, 2> kSides{&WheelPair<double>::left, &WheelPair<double>::right};
-constexpr std::array<const char*, 2> kSpeedColumns{"omega_left_rad_s", "omega_right_rad_s"};
-
-std::size_t line_of(std::size_t sample) { return sample + 2; }  // behind the header
 
 // Columns of the effects, some of them merged: one unknown each.
 struct Unknowns {
@@ -70,181 +55,13 @@ class Experiment {
     }
 
     Findings run(const std::vector<std::string>& paths) {
-        read(paths);
-        if (good()) look_at_signals();
-        if (good()) look_at_torque();
+        signals_ = look_at_measured_logs(paths, findings_);
         if (good()) estimate();
         return std::move(findings_);
     }
 
   private:
     bool good() const { return findings_.problems.empty(); }
-
-    void problem(const std::string& path, std::size_t line, const std::string& text) {
-        findings_.problems.push_back(to_text(path, {line, text}));
-    }
-
-    void read(const std::vector<std::string>& paths) {
-        for (const std::string& path : paths) {
-            MeasuredLogResult result = read_measured_csv(path);
-            for (const LineProblem& each : result.problems) findings_.problems.push_back(to_text(path, each));
-            if (result.problem_count > result.problems.size()) {
-                problem(path, 0,
-                        "and " + std::to_string(result.problem_count - result.problems.size()) + " more");
-            }
-            if (!result.log) continue;
-            logs_.push_back(std::move(*result.log));
-            const MeasuredLog& log = logs_.back();
-            names_.push_back(path);
-            findings_.logs.push_back({path, "CSV", log_date(path, 0),
-                                      log.period_s * static_cast<double>(log.samples.size() - 1),
-                                      1 / log.period_s, log.samples.size()});
-        }
-        for (std::size_t i = 1; good() && i < logs_.size(); ++i) {
-            if (std::abs(logs_[i].period_s - logs_[0].period_s) > 0.02 * logs_[0].period_s) {
-                problem(names_[i], 0,
-                        "is sampled every " + number_text(logs_[i].period_s) + " s and " + names_[0] +
-                            " every " + number_text(logs_[0].period_s) +
-                            " s; logs of one experiment need one rate");
-            }
-        }
-    }
-
-    // Sensor noise, wheels that stand, readings that are stuck.
-    void look_at_signals() {
-        double peak = 0;
-        std::array<double, 2> third_power{};
-        double third_count = 0;
-        for (const MeasuredLog& log : logs_) {
-            const auto& s = log.samples;
-            for (std::size_t i = 0; i < s.size(); ++i) {
-                for (std::size_t w = 0; w < 2; ++w) {
-                    const Side side = kSides[w];
-                    peak = std::max(peak, std::abs(s[i].speed_rad_per_s.*side));
-                    if (i < 3) continue;
-                    const double third = s[i].speed_rad_per_s.*side - 3 * s[i - 1].speed_rad_per_s.*side +
-                                         3 * s[i - 2].speed_rad_per_s.*side - s[i - 3].speed_rad_per_s.*side;
-                    third_power[w] += third * third;
-                }
-                if (i >= 3) third_count += 1;
-            }
-        }
-        for (std::size_t w = 0; w < 2; ++w) speed_noise_power_[w] = third_power[w] / third_count / 20;
-        if (!(peak > 0)) {
-            problem(names_[0], 0, "the wheels never turn: nothing can be identified");
-            return;
-        }
-        const double noise = std::sqrt(std::max(speed_noise_power_[0], speed_noise_power_[1]));
-        standing_ = std::clamp(2 * noise, kStandingShare * peak, kStandingShareNoisy * peak);
-        for (std::size_t l = 0; l < logs_.size(); ++l) {
-            SpeedRun run;
-            run.log = &logs_[l];
-            run.left_out.assign(logs_[l].samples.size() - 1, false);
-            for (const Side side : kSides) leave_out_standing(run, side);
-            for (std::size_t w = 0; w < 2; ++w) leave_out_stuck(run, l, w);
-            runs_.push_back(std::move(run));
-        }
-        leave_out_reversals();
-    }
-
-    // Where a wheel reverses between two samples, dry friction steps at an instant that is hard to tell from
-    // a slow log: such intervals are left out where enough remains.
-    void leave_out_reversals() {
-        if (logs_[0].period_s < kFineReversal_s) return;
-        std::vector<std::vector<bool>> without;
-        double usable = 0;
-        double reversals = 0;
-        for (const SpeedRun& run : runs_) {
-            without.push_back(run.left_out);
-            const auto& s = run.log->samples;
-            for (std::size_t i = 0; i + 1 < s.size(); ++i) {
-                if (run.left_out[i]) continue;
-                usable += 1;
-                for (const Side side : kSides) {
-                    if (s[i].speed_rad_per_s.*side * s[i + 1].speed_rad_per_s.*side < 0)
-                        without.back()[i] = true;
-                }
-                reversals += without.back()[i] ? 1 : 0;
-            }
-        }
-        if (reversals > kMostReversals * usable) return;
-        for (std::size_t r = 0; r < runs_.size(); ++r) runs_[r].left_out = without[r];
-    }
-
-    void leave_out_standing(SpeedRun& run, Side side) const {
-        const auto& s = run.log->samples;
-        for (std::size_t i = 0; i + 1 < s.size(); ++i) {
-            if (std::max(std::abs(s[i].speed_rad_per_s.*side), std::abs(s[i + 1].speed_rad_per_s.*side)) <
-                standing_) {
-                run.left_out[i] = true;
-            }
-        }
-    }
-
-    // The same moving reading again and again while the torque changes: a sensor at its limit, or frozen.
-    void leave_out_stuck(SpeedRun& run, std::size_t log_index, std::size_t wheel) {
-        const auto& s = run.log->samples;
-        const Side side = kSides[wheel];
-        double largest_torque = 0;
-        for (const MeasuredSample& each : s) {
-            largest_torque = std::max(largest_torque, std::abs(each.torque_Nm.*side));
-        }
-        const auto least = std::max(kStuckSamples, static_cast<std::size_t>(kStuck_s / run.log->period_s));
-        std::size_t stuck = 0;
-        std::size_t first_line = 0;
-        for (std::size_t begin = 0; begin < s.size();) {
-            std::size_t end = begin;
-            double low = s[begin].torque_Nm.*side;
-            double high = low;
-            while (end < s.size() && s[end].speed_rad_per_s.*side == s[begin].speed_rad_per_s.*side) {
-                low = std::min(low, s[end].torque_Nm.*side);
-                high = std::max(high, s[end].torque_Nm.*side);
-                ++end;
-            }
-            const bool moving = std::abs(s[begin].speed_rad_per_s.*side) >= standing_;
-            if (end - begin >= least && moving && high - low > 0.1 * largest_torque) {
-                if (stuck == 0) first_line = line_of(begin);
-                stuck += end - begin;
-                for (std::size_t i = begin; i < end && i < run.left_out.size(); ++i) run.left_out[i] = true;
-            }
-            begin = end;
-        }
-        if (stuck == 0) return;
-        const std::string what =
-            std::string(kSpeedColumns[wheel]) +
-            " repeats one value while the torque changes: the sensor is saturated or frozen (" +
-            std::to_string(stuck) + " samples)";
-        if (static_cast<double>(stuck) > kStuckShare * static_cast<double>(s.size())) {
-            problem(names_[log_index], first_line, what);
-        } else {
-            findings_.notes.push_back(to_text(names_[log_index], {first_line, what + ": left out"}));
-        }
-    }
-
-    void look_at_torque() {
-        constexpr double kInfinite = std::numeric_limits<double>::infinity();
-        WheelPair<double> low{kInfinite, kInfinite};
-        WheelPair<double> high{-kInfinite, -kInfinite};
-        for (const MeasuredLog& log : logs_) {
-            for (const MeasuredSample& s : log.samples) {
-                for (const Side side : kSides) {
-                    low.*side = std::min(low.*side, s.torque_Nm.*side);
-                    high.*side = std::max(high.*side, s.torque_Nm.*side);
-                }
-            }
-        }
-        const double largest =
-            std::max({std::abs(low.left), std::abs(low.right), std::abs(high.left), std::abs(high.right)});
-        if (!(largest > 0)) {
-            problem(names_[0], 2, "the torque is zero in every line: nothing can be identified");
-        } else if (std::max(high.left - low.left, high.right - low.right) <= kSteadyTorque * largest) {
-            problem(
-                names_[0], 2,
-                "the torque is constant (" + number_text(low.left, 4) + " Nm left, " +
-                    number_text(low.right, 4) +
-                    " Nm right in every line): inertia and friction cannot be told apart without changes");
-        }
-    }
 
     Rows select(const Rows& from, bool with_slip) const {
         Rows to;
@@ -264,7 +81,7 @@ class Experiment {
     }
 
     Equations fit(bool with_slip) const {
-        const SpeedRows rows = make_speed_rows(runs_, options_);
+        const SpeedRows rows = make_speed_rows(signals_.runs, options_);
         Equations e;
         e.rows = rows.linear.place.size();
         e.masked = rows.masked;
@@ -316,9 +133,10 @@ class Experiment {
     }
 
     void set_block(double block_s) {
-        options_.block = static_cast<std::size_t>(std::max(1.0, std::round(block_s / logs_[0].period_s)));
+        options_.block =
+            static_cast<std::size_t>(std::max(1.0, std::round(block_s / signals_.logs[0].period_s)));
     }
-    double block_s() const { return static_cast<double>(options_.block) * logs_[0].period_s; }
+    double block_s() const { return static_cast<double>(options_.block) * signals_.logs[0].period_s; }
 
     void estimate() {
         set_block(kBlock_s);
@@ -346,9 +164,10 @@ class Experiment {
     bool enough(const Equations& e) {
         const std::size_t needed = kRowsPerParameter * (kFirstEffect + unknowns_.groups.size());
         if (e.rows >= needed) return true;
-        problem(names_[0], 0,
-                "too short: " + std::to_string(e.rows) + " rows of " + number_text(block_s() * 1e3, 3) +
-                    " ms in which both wheels turn, at least " + std::to_string(needed) + " are needed");
+        findings_.problems.push_back(to_text(
+            signals_.names[0],
+            {0, "too short: " + std::to_string(e.rows) + " rows of " + number_text(block_s() * 1e3, 3) +
+                    " ms in which both wheels turn, at least " + std::to_string(needed) + " are needed"}));
         return false;
     }
 
@@ -401,7 +220,7 @@ class Experiment {
     }
 
     void find_delay() {
-        const double period = logs_[0].period_s;
+        const double period = signals_.logs[0].period_s;
         double longest = kLongestDelay_s;
         for (const LogFacts& log : findings_.logs) longest = std::min(longest, log.duration_s / 10);
         double best = 0;
@@ -428,7 +247,7 @@ class Experiment {
             if (!std::isfinite(step.variance)) break;
             const double moved = std::clamp(step.value, -block_s(), block_s());
             options_.delay_s += moved;
-            if (options_.delay_s < -3 * logs_[0].period_s ||
+            if (options_.delay_s < -3 * signals_.logs[0].period_s ||
                 options_.delay_s > longest_delay_s_ + block_s()) {
                 step.variance = std::numeric_limits<double>::infinity();
                 break;
@@ -436,14 +255,14 @@ class Experiment {
             if (std::abs(moved) < 0.02 * std::sqrt(step.variance)) break;
         }
         delay_error_s_ = std::sqrt(step.variance);
-        delay_known_ = delay_error_s_ < std::max(block_s(), 2 * logs_[0].period_s);
+        delay_known_ = delay_error_s_ < std::max(block_s(), 2 * signals_.logs[0].period_s);
         if (!delay_known_) options_.delay_s = 0;
     }
 
     // Through which filter each equation is seen best: the one that leaves the smallest error of K7 or K8.
     // Sensor noise asks for a long memory, forces that the model lacks for none.
     void choose_colour() {
-        const SpeedRows rows = make_speed_rows(runs_, options_);
+        const SpeedRows rows = make_speed_rows(signals_.runs, options_);
         const std::array<const Rows*, 2> both{&rows.linear, &rows.turning};
         for (std::size_t i = 0; i < 2; ++i) {
             const Rows selected = select(*both[i], delay_known_);
@@ -489,7 +308,7 @@ class Experiment {
         const bool compare = coarse.linear.rows > 0;
         findings_.rows = e.rows;
         findings_.masked_rows = e.masked;
-        findings_.averaged_over_s = (2 * static_cast<double>(options_.block) - 1) * logs_[0].period_s;
+        findings_.averaged_over_s = (2 * static_cast<double>(options_.block) - 1) * signals_.logs[0].period_s;
         findings_.residual_rms = {std::sqrt(e.linear.residual_power), std::sqrt(e.turning.residual_power)};
         findings_.explained_share = {e.linear.explained_share, e.turning.explained_share};
         const std::array<const Fit*, 4> fits{&e.linear, &e.turning, &e.linear, &e.turning};
@@ -522,7 +341,7 @@ class Experiment {
         double gyro_power = 0;
         double with_gyro = 0;
         bool gyro = true;
-        for (const MeasuredLog& log : logs_) {
+        for (const MeasuredLog& log : signals_.logs) {
             gyro = gyro && log.has_gyro;
             for (const MeasuredSample& s : log.samples) {
                 const double omega = model::twist_from_wheel_speeds(g, s.speed_rad_per_s).omega_rad_per_s;
@@ -532,9 +351,10 @@ class Experiment {
                 count += 1;
             }
         }
-        const double noise = (g.wheel_radius_m.left * g.wheel_radius_m.left * speed_noise_power_[0] +
-                              g.wheel_radius_m.right * g.wheel_radius_m.right * speed_noise_power_[1]) /
-                             (g.track_m * g.track_m);
+        const double noise =
+            (g.wheel_radius_m.left * g.wheel_radius_m.left * signals_.speed_noise_power[0] +
+             g.wheel_radius_m.right * g.wheel_radius_m.right * signals_.speed_noise_power[1]) /
+            (g.track_m * g.track_m);
         // a gyro knows better than noisy wheels whether the robot turned
         const double turned = gyro ? std::min(power, gyro_power) / count : power / count;
         if (turned < kTurningOverNoise * noise / static_cast<double>(options_.block)) {
@@ -595,12 +415,8 @@ class Experiment {
     SpeedRowOptions options_;
     Unknowns unknowns_;
     Findings findings_;
-    std::vector<MeasuredLog> logs_;
-    std::vector<std::string> names_;
-    std::vector<SpeedRun> runs_;
-    std::array<double, 2> speed_noise_power_{};
+    MeasuredSignals signals_;
     std::array<double, 2> colour_{};
-    double standing_ = 0;
     double longest_delay_s_ = 0;
     double delay_error_s_ = 0;
     bool delay_known_ = false;
