@@ -125,6 +125,25 @@ constexpr std::array kRich{
 
 }  // namespace
 
+std::optional<Way> left_open(const Way& way) {
+    if (way.hidden == model::kMaxEffectParameters || way.leaves_open) return std::nullopt;
+    Way other = way;
+    other.leaves_open = true;
+    if (way.kind == Way::Kind::grid) {
+        std::vector<int>& all = other.amounts.front().columns;
+        for (std::size_t i = 1; i < way.amounts.size(); ++i)
+            all.insert(all.end(), way.amounts[i].columns.begin(), way.amounts[i].columns.end());
+        other.amounts.resize(1);
+        return other;
+    }
+    const auto hidden = std::find(way.free.begin(), way.free.end(), way.hidden);
+    if (hidden == way.free.end()) return std::nullopt;
+    const auto at = hidden - way.free.begin();
+    other.free.erase(other.free.begin() + at);
+    other.amounts.erase(other.amounts.begin() + at);
+    return other;
+}
+
 std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::VectorXd& amounts,
                                                   const Setting& setting) {
     Parameters<double> p{};
@@ -216,10 +235,11 @@ void Dictionary::add_grid(std::size_t effect) {
         way.effect = effect;
         way.kind = Way::Kind::grid;
         way.at = at;
+        way.hidden = grid.hidden;
         for (const Parameters<double>& unit : grid.units(at)) {
             std::optional<Source> source;
             if (!by_dynamics(effect)) source = Source{effect, 0, unit};
-            way.amounts.push_back({{add(effect, {term(effect, unit)}, source)}});
+            way.amounts.push_back({{add(effect, {term(effect, unit)}, source)}, grid.likely_amount});
         }
         ways_[effect].push_back(way);
     }
@@ -233,6 +253,7 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
     way.effect = effect;
     way.kind = Way::Kind::focus;
     way.at = at;
+    way.hidden = grid.hidden;
     const std::size_t here = term(effect, at);
     way.fixed.push_back(add(effect, {here}));
     for (std::size_t j = 0; j < info.size(); ++j) {
@@ -242,7 +263,8 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
         up[j] = std::min(info[j].maximum, at[j] + grid.step[j]);
         down[j] = std::max(info[j].minimum, at[j] - grid.step[j]);
         way.free.push_back(j);
-        way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / (up[j] - down[j])})}});
+        way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / (up[j] - down[j])})},
+                               grid.likely_move[j]});
     }
     if (grid.beside != Parameters<double>{}) {
         Parameters<double> up = at;

@@ -55,9 +55,16 @@ struct Way {
     std::vector<std::size_t> free;     // focus: the parameter of each amount
     bool together = false;             // linear: left and right share one amount
     std::vector<unsigned> coordinate;  // linear: of each amount
+    // grid, focus: the parameter that a log may not show, and whether this way leaves it open
+    std::size_t hidden = model::kMaxEffectParameters;
+    bool leaves_open = false;
 
     bool same_effect(const Way& other) const { return effect == other.effect; }
 };
+
+// The way that leaves open what the log may not show: at a point of a grid one amount stands for all, at a
+// focus the parameter stays. None: nothing may be left open.
+std::optional<Way> left_open(const Way& way);
 
 // The parameters that amounts of a way stand for. The second says whether the amounts are plausible for it: a
 // lag whose column would have to be taken ten times is another lag, or none.

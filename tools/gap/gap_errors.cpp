@@ -5,6 +5,8 @@
 #include <cmath>
 #include <string_view>
 
+#include "tools/gap/gap_points.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
@@ -74,7 +76,9 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
         }
         if (name == "backlash" || name == "wheel_slip") unsure = kProductOnly;
         if (name == "payload_step" && j == 0) {
-            unsure = std::max(setting.event_spacing_s, setting.period_s) / p.value;
+            const double spacing_s =
+                way.kind == Way::Kind::grid ? kEventSpacing * setting.span_s : setting.event_spacing_s;
+            unsure = std::max(spacing_s, setting.period_s) / p.value;
         }
         double more = unmoved[j];
         if ((name == "slope" && j == 1) || (name == "torque_ripple" && j >= 2)) {
@@ -84,11 +88,13 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
             unsure = std::hypot(unsure, kCastor[j]);
             if (j == 1) more = std::hypot(more, kPivotOfWheel * parameters[0].value * parameters[3].value);
         }
+        const bool open = way.leaves_open && j == way.hidden;
+        if (open) more = std::hypot(more, setting.effective_inertia_kg_m2() / 2);
         const double quantile =
             p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormal;
         p.value *= scale;
         p.standard_error = std::hypot(scale * p.standard_error, unsure * p.value, more);
-        p.known = p.known || unmoved[j] > 0;
+        p.known = (p.known || unmoved[j] > 0) && !open;
         const double half = std::max(quantile, kNormal) * p.standard_error;
         p.interval_95 = {p.value - half, p.value + half};
     }

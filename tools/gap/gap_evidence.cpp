@@ -226,14 +226,32 @@ bool Evidence::excited(const Way& way) const {
 }
 
 double Evidence::effect_torque_share(const Members& members, std::size_t member, const Fit& f) const {
+    constexpr double kClear = 2;  // of zero, standard errors
     const Way& way = members[member];
-    const Eigen::VectorXd amount = amounts_in(members, member, f);
-    Eigen::VectorXd p = Eigen::VectorXd::Zero(set_.wheel_power.cols());
-    for (std::size_t i = 0; i < way.amounts.size(); ++i) {
-        for (const int c : way.amounts[i].columns) p(c) += amount(Eigen::Index(i));
+    const Eigen::Index count = static_cast<Eigen::Index>(way.amounts.size());
+    Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(set_.wheel_power.cols(), count);  // of each amount
+    for (Eigen::Index i = 0; i < count; ++i) {
+        for (const int c : way.amounts[std::size_t(i)].columns) columns(c, i) += 1;
     }
-    for (const int c : way.fixed) p(c) += 1;
-    return std::sqrt(std::max(0.0, p.dot(set_.wheel_power * p))) / std::max(1e-12, set_.torque_rms_Nm);
+    Eigen::VectorXd fixed = Eigen::VectorXd::Zero(columns.rows());
+    for (const int c : way.fixed) fixed(c) += 1;
+    const auto power_of = [&](const Eigen::VectorXd& amount) {
+        const Eigen::VectorXd p = fixed + columns * amount;
+        return p.dot(set_.wheel_power * p);
+    };
+    Eigen::VectorXd amount = amounts_in(members, member, f);
+    double power = power_of(amount);
+    if (f.covariance.size() > 0) {
+        // An amount that the log does not show is large by its noise: less what that makes, or without it.
+        const Eigen::Index at = first_amount_of(members, member);
+        const Eigen::MatrixXd squares = columns.transpose() * set_.wheel_power * columns;
+        const double noise = squares.cwiseProduct(f.covariance.block(at, at, count, count)).sum();
+        for (Eigen::Index i = 0; i < count; ++i) {
+            if (std::abs(amount(i)) < kClear * f.error(at + i)) amount(i) = 0;
+        }
+        power = std::max(power - noise, std::min(power, power_of(amount)));
+    }
+    return std::sqrt(std::max(0.0, power)) / std::max(1e-12, set_.torque_rms_Nm);
 }
 
 bool Evidence::in_range(const Sample& sample, const Members& members, const Fit& f) const {
@@ -281,14 +299,20 @@ std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members&
                                               const Sample& sample) const {
     std::optional<BestPoint> best;
     double least = std::numeric_limits<double>::infinity();
-    for (const Way& way : ways(effect)) {
+    const auto attempt = [&](const Way& way) {
         const Members more = with(members, way);
         const Fit f = fit(sample, more, Spread::left_out);
         // a closer look is preferred, for it goes on from where it is
         const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
-        if (left >= least || !in_range(sample, more, f)) continue;
+        if (left >= least) return true;
+        if (!in_range(sample, more, f)) return false;
         least = left;
         best = {way, f.squares};
+        return true;
+    };
+    for (const Way& way : ways(effect)) {
+        if (attempt(way)) continue;
+        if (const std::optional<Way> open = left_open(way)) attempt(*open);
     }
     return best;
 }

@@ -150,16 +150,22 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
             return std::vector<Parameters<double>>{{at[0], kUnit * mass, 0}, {at[0], 0, kUnit * inertia}};
         },
         [=](const Parameters<double>& at, const Eigen::VectorXd& a) {
-            return Parameters<double>{at[0], mass * load(a(0)), inertia * load(a(1))};
+            return Parameters<double>{at[0], mass * load(a(0)), inertia * load(a(a.size() - 1))};
         },
         // what more than doubles the robot is no load
         [=](const Eigen::VectorXd& a) {
-            return a(0) > -5 && a(1) > -5 && a(0) + a(1) > 0 && kLost * std::max(a(0), a(1)) < 0.5;
+            return a.minCoeff() > -5 && a.sum() > 0 && kLost * a.maxCoeff() < 0.5;
         },
         {0, mass / 100, inertia / 100}};
     for (int i = 2; i <= 16; ++i) grid.points.push_back({s.span_s * i * kEventSpacing});
     grid.beside = {0, 0, 0, 0.01};
     grid.expected = 0.03;
+    // a load's inertia does not show where the robot goes straight before or behind: then it is like the
+    // robot's
+    grid.hidden = 2;
+    grid.itself = [=](const Parameters<double>& p) { return p[2] > -inertia / 2 && p[2] < 2 * inertia; };
+    grid.likely_amount = 0.5 / kUnit;
+    grid.likely_move = {0, mass / 2, inertia / 2};
     if (s.event_spacing_s == 0) return grid;
     grid.closer = [=](const Parameters<double>& at) {
         std::vector<Parameters<double>> points;

@@ -28,6 +28,12 @@ struct Grid {
     // expected; 0: nothing is.
     model::Parameters<double> beside{};
     double expected = 0;
+    // The parameter that a log may not show: at a point one amount stands for all then, at a focus it stays.
+    std::size_t hidden = model::kMaxEffectParameters;
+    // What a log does not show stays near: the size that a point's amounts may be expected to have, and how
+    // far from a focus each parameter may be; 0: nothing is known.
+    double likely_amount = 0;
+    std::array<double, model::kMaxEffectParameters> likely_move{};
     // Foci around what was found, that itself last: for a parameter that slopes are too short-sighted for.
     std::function<std::vector<model::Parameters<double>>(const model::Parameters<double>&)> closer = {};
     // At a focus: still this effect, and not the special case of it that another one is.

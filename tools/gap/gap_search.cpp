@@ -225,9 +225,10 @@ class Searcher {
             } else if (const double missing = std::max(closable, trials.front().gain);
                        evidence_.torque_share(missing / row_count(select_.blocks, result_.base.shape)) <
                        kLargeGap) {
+                note_leads(trials, kSureLead);
                 break;
             } else if (!add_two(trials, closable)) {
-                note_leads(trials);
+                note_leads(trials, 1);
                 break;
             }
         }
@@ -235,11 +236,12 @@ class Searcher {
 
     // Where much is missing: what is sure at a point of its grid, but explains too little there or is not
     // confirmed, as a block is not in which a load was put on at another time than the grid's. It may explain
-    // more between the points, which a closer look will tell.
-    void note_leads(const std::vector<Trial>& trials) {
+    // more between the points, which a closer look will tell. Where little is missing it must be all the
+    // surer.
+    void note_leads(const std::vector<Trial>& trials, double probability) {
         for (const Trial& t : trials) {
-            if (t.way.kind != Way::Kind::grid || !evidence_.dictionary().can_focus(t.way.effect) ||
-                !sure(t, trials.size())) {
+            if (t.probability > probability || t.way.kind != Way::Kind::grid ||
+                !evidence_.dictionary().can_focus(t.way.effect) || !sure(t, trials.size())) {
                 continue;
             }
             const Members more = with(members_, t.way);

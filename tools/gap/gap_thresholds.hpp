@@ -23,6 +23,9 @@ inline constexpr double kActs = 0.02;
 inline constexpr double kUnexcited = 1e-4;
 inline constexpr std::size_t kMostEffects = 4;
 
+// Probability of what is not confirmed, up to which it is worth a closer look though little is missing.
+inline constexpr double kSureLead = 1e-6;
+
 // How it enters. Left and right get an amount each from so many standard errors of their difference on.
 inline constexpr double kApart = 4;
 // Share of a closer look's squares that a point of the first grid must leave to be preferred to it.

@@ -151,6 +151,26 @@ TEST(GapSearch, a_load_is_found_whenever_it_is_put_on) {
     LONGS_EQUAL(all, found);
 }
 
+// Its inertia does not show in a log that goes straight until long after: one that turns behind it.
+TEST(GapSearch, a_load_is_found_though_its_inertia_does_not_show) {
+    const HiddenEffect load{"payload_step", 0, {15, 1.6, 0.05}};
+    HiddenLog hidden = test::hidden_log(load, 8, 0.01, 26, kRate_Hz, true);
+    const HiddenLog turning =
+        test::hidden_log({"payload_step", 0, {0.001, 1.6, 0.05}}, 8, 0.01, 20, kRate_Hz);
+    const double from_s = hidden.log.samples.back().t_s + hidden.log.period_s;
+    for (tools::MeasuredSample s : turning.log.samples) {
+        s.t_s += from_s;
+        hidden.log.samples.push_back(s);
+    }
+    const gap::Findings f = analyse(hidden);
+    STRCMP_EQUAL(" payload_step", names_of(f).c_str());
+    STRCMP_EQUAL("named", gap::verdict_name(f.search.verdict));
+    const auto& p = f.search.effects.front().parameters;
+    DOUBLES_EQUAL(15, p[0].value, 3 * p[0].standard_error);
+    DOUBLES_EQUAL(1.6, p[1].value, 4 * p[1].standard_error);
+    DOUBLES_EQUAL(0.05, p[2].value, 3 * p[2].standard_error);
+}
+
 // Half a per cent of the torque, where it is all that is missing.
 TEST(GapSearch, radii_that_differ_by_little_are_named_without_a_gyro) {
     const gap::Findings f =
