@@ -89,7 +89,7 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
             if (j == 1) more = std::hypot(more, kPivotOfWheel * parameters[0].value * parameters[3].value);
         }
         const bool open = way.leaves_open && j == way.hidden;
-        if (open) more = std::hypot(more, setting.effective_inertia_kg_m2() / 2);
+        if (open) more = std::hypot(more, grid_of(way.effect, setting).likely_move[j]);
         const double quantile =
             p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormal;
         p.value *= scale;

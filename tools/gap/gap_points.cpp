@@ -164,8 +164,9 @@ Grid grid_of<model::PayloadStep>(const Setting& s) {
     // robot's
     grid.hidden = 2;
     grid.itself = [=](const Parameters<double>& p) { return p[2] > -inertia / 2 && p[2] < 2 * inertia; };
-    grid.likely_amount = 0.5 / kUnit;
-    grid.likely_move = {0, mass / 2, inertia / 2};
+    constexpr double kLikely = 0.5;  // of the robot's own
+    grid.likely_amount = kLikely / kUnit;
+    grid.likely_move = {0, kLikely * mass, kLikely * inertia};
     if (s.event_spacing_s == 0) return grid;
     grid.closer = [=](const Parameters<double>& at) {
         std::vector<Parameters<double>> points;

@@ -34,13 +34,4 @@ inline std::vector<double> scaled(std::vector<double> values, double factor) {
     return values;
 }
 
-// What `get` takes from each sample.
-template <typename Samples, typename Get>
-std::vector<double> column(const Samples& samples, Get&& get) {
-    std::vector<double> out;
-    out.reserve(samples.size());
-    for (const auto& sample : samples) out.push_back(get(sample));
-    return out;
-}
-
 }  // namespace wheelwright::paper

@@ -5,12 +5,14 @@
 #include <utility>
 #include <vector>
 
+#include "tools/report/column.hpp"
 #include "tools/report/format.hpp"
 
 namespace wheelwright::paper {
 namespace {
 
 using report::Chart;
+using report::column;
 using report::fixed;
 using report::percent;
 using report::scientific;

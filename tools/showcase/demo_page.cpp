@@ -3,10 +3,13 @@
 #include <cmath>
 #include <cstdio>
 
+#include "tools/report/column.hpp"
+
 namespace wheelwright::tools {
 namespace {
 
 using report::Chart;
+using report::column;
 using report::Section;
 using report::Tone;
 
@@ -14,14 +17,6 @@ std::string text(const char* format, auto... values) {
     char buffer[256];
     std::snprintf(buffer, sizeof buffer, format, values...);
     return buffer;
-}
-
-template <typename Samples, typename Pick>
-std::vector<double> column(const Samples& samples, Pick&& pick) {
-    std::vector<double> out;
-    out.reserve(samples.size());
-    for (const auto& sample : samples) out.push_back(pick(sample));
-    return out;
 }
 
 Chart estimate_chart(const MainJob& job, const char* name, const char* unit, double real,
