@@ -128,6 +128,14 @@ class DynamicsEstimator {
     const DynamicsEstimate<Real>& estimate() const { return estimate_; }
     const RegressionFilter<Real, kTaps>& filter() const { return filter_; }
 
+    // Standard errors of K5, and of K6 as the length K5 that belongs to it.
+    Real k5_error_m() const { return estimate_.standard_error.k5_m; }
+    Real k6_error_m() const {
+        const model::Dynamics<Real>& k = estimate_.dynamics;
+        return estimate_.standard_error.k6_per_m * static_cast<Real>(options_.filter.geometry.track_m) *
+               k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
+    }
+
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
     TwistRate<Real> residual_variance() const {
         return {equation_[0].errors.residual_variance(), equation_[1].errors.residual_variance()};
@@ -322,13 +330,11 @@ class DynamicsEstimator {
         publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
-        const Real to_length =
-            static_cast<Real>(options_.filter.geometry.track_m) * k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
         estimate_.good_enough = estimate_.rows >= kRowsToJudge && k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 &&
                                 e.k7_per_kg_m <= options_.relative_standard_error * k.k7_per_kg_m &&
                                 e.k8_per_kg_m2 <= options_.relative_standard_error * k.k8_per_kg_m2 &&
-                                e.k5_m <= options_.coupling_standard_error_m &&
-                                e.k6_per_m * to_length <= options_.coupling_standard_error_m;
+                                k5_error_m() <= options_.coupling_standard_error_m &&
+                                k6_error_m() <= options_.coupling_standard_error_m;
     }
 
     void publish_effects() {

@@ -1,11 +1,14 @@
-// The ident mode from start to finish: excite, measure the delay, estimate until the standard errors are
-// small enough or time is up. A pure function of what it is handed; one step() in each cycle.
+// The ident mode from start to finish: probe, lay the excitation out, measure the delay, estimate until the
+// standard errors are small enough or time is up. A pure function of what it is handed; one step() in each
+// cycle.
 //
-//   measuring_delay -> estimating -> done
-//            |              |
-//            +--------------+-> stopped_by_limit
+//   probing -> measuring_delay -> estimating -> done
+//       |            |                |
+//       +------------+----------------+-> stopped_by_limit
 //
-// In done and stopped_by_limit the torque is zero; bringing the robot to rest is the mode's business.
+// cause() names why it ended, in done too: good_enough, or coupling_not_known when time was up with K7 and K8
+// known but K5 and K6 not yet. In done and stopped_by_limit the torque is zero; bringing the robot to rest is
+// the mode's business.
 #pragma once
 
 #include <cstdint>
@@ -13,26 +16,25 @@
 #include "firmware/ident/delay_estimator.hpp"
 #include "firmware/ident/dynamics_estimator.hpp"
 #include "firmware/ident/excitation.hpp"
+#include "firmware/ident/probe.hpp"
+#include "firmware/ident/sizing.hpp"
 
 namespace wheelwright::ident {
 
-enum class IdentState : std::uint8_t { measuring_delay, estimating, done, stopped_by_limit };
-
-enum class IdentLimit : std::uint8_t {
-    none,
-    time,      // duration_s passed before the errors were small enough; estimate() is what is known
-    distance,  // the robot left the area although the torque turned it back
-    speed,     // the same for speed or yaw rate
-    delay,     // no delay could be measured: the torque does not act as the model says
-};
+enum class IdentState : std::uint8_t { measuring_delay, estimating, done, stopped_by_limit, probing };
 
 template <typename Real>
 struct IdentificationOptions {
+    // With a probe, its amplitude, bit time and limits, the estimator's kernel, standing speed and coupling error
+    // are those that size_identification() finds.
     ExcitationOptions<Real> excitation;
     DynamicsEstimatorOptions<Real> estimator;  // estimator.filter.delay_s: used when delay_phase_s is 0
-    double delay_phase_s{};
+    double delay_phase_s{};                    // at least; goes on, up to kLongestDelayPhase times, until it is sure
     double duration_s{};
     bool run_full_time = false;  // do not stop when the errors are small enough
+    bool probe = false;
+    ProbeOptions probing;
+    SizingRequest sizing;
     Real overshoot = Real(1.3);  // of a limit at which the run stops
 };
 
@@ -42,34 +44,40 @@ class IdentificationRun {
     // Geometry, limits and times are taken as given; the robot should be at rest.
     void start(const IdentificationOptions<Real>& options, const Pose<Real>& pose, std::uint32_t seed) {
         options_ = options;
-        excitation_.start(options.excitation, pose, seed);
+        seed_ = seed;
+        start_ = pose;
         cycles_ = 0;
-        limit_ = IdentLimit::none;
+        cause_ = IdentCause::none;
         delay_ = {};
+        sizing_ = {};
+        watch_ = {};
         const double dt = options.excitation.sample_time_s;
-        delay_cycles_ = static_cast<std::uint32_t>(options.delay_phase_s / dt);
         last_cycle_ = static_cast<std::uint32_t>(options.duration_s / dt);
+        excitation_.start(options.excitation, pose, seed);
         estimator_.configure(options.estimator);
-        if (delay_cycles_ > 0) {
-            delay_estimator_.configure(options.estimator.filter);
-            state_ = IdentState::measuring_delay;
+        if (options.probe) {
+            probe_.start(options.probing);
+            state_ = IdentState::probing;
         } else {
-            delay_.delay_s = static_cast<Real>(options.estimator.filter.delay_s);
-            state_ = IdentState::estimating;
+            excite();
         }
     }
 
     // The torque for this cycle. `sample` is the cycle's, with the torque that was told in the cycle before
-    // (the one returned here, unless something saturated it).
-    WheelPair<Real> step(const IdentSample<Real>& sample, const Pose<Real>& pose,
-                         const Twist<Real>& velocity) {
+    // (the one returned here, unless something saturated it). `senses`: what only the probe looks at.
+    WheelPair<Real> step(const IdentSample<Real>& sample, const Pose<Real>& pose, const Twist<Real>& velocity,
+                         const ProbeSample& senses = {}) {
         if (finished()) return {};
         ++cycles_;
+        if (state_ == IdentState::probing) return step_probe(pose, velocity, senses);
+        watch_reports(sample.last_torque_Nm, senses);
+        if (finished()) return {};
         if (state_ == IdentState::measuring_delay) {
             delay_estimator_.push(sample);
-            if (cycles_ >= delay_cycles_) end_delay_phase();
+            ++delay_cycles_;
+            if (delay_cycles_ >= next_look_) look_at_delay();
         } else if (estimator_.push(sample) && estimator_.estimate().good_enough && !options_.run_full_time) {
-            state_ = IdentState::done;
+            finish(IdentCause::good_enough);
         }
         if (!finished()) check_limits(pose, velocity);
         if (finished()) return {};
@@ -77,28 +85,145 @@ class IdentificationRun {
     }
 
     IdentState state() const { return state_; }
-    IdentLimit limit() const { return limit_; }
+    IdentCause cause() const { return cause_; }
     bool finished() const { return state_ == IdentState::done || state_ == IdentState::stopped_by_limit; }
+    // K5 and K6 as well, not only K7 and K8.
+    bool coupling_known() const { return cause_ == IdentCause::good_enough; }
     const DynamicsEstimate<Real>& estimate() const { return estimator_.estimate(); }
     const DelayEstimate<Real>& delay() const { return delay_; }
     const Excitation<Real>& excitation() const { return excitation_; }
     const DynamicsEstimator<Real>& estimator() const { return estimator_; }
+    const Probe& probe() const { return probe_; }
+    const Sizing& sizing() const { return sizing_; }
+    const IdentificationOptions<Real>& options() const { return options_; }
     double elapsed_s() const { return cycles_ * options_.excitation.sample_time_s; }
 
-  private:
-    void stop(IdentLimit limit) {
-        limit_ = limit;
-        state_ = IdentState::stopped_by_limit;
+    // Ends it from outside.
+    void interrupt() {
+        if (!finished()) stop(IdentCause::interrupted);
     }
 
-    void end_delay_phase() {
+  private:
+    static constexpr double kLongestDelayPhase = 4;      // of delay_phase_s
+    static constexpr Real kSureDelay_s = Real(5e-5);     // a twentieth of a cycle
+    static constexpr Real kUsableDelay_s = Real(1e-3);   // a cycle: the estimator's timing columns do the rest
+    // When time is up, this times the wanted standard errors of K7 and K8 will do.
+    static constexpr Real kStillGood = Real(1.5);
+    static constexpr Real kStillGoodCoupling = 5;        // and this those of K5 and K6
+    static constexpr double kFollowed = 0.95;            // of a torque that was asked
+    static constexpr int kReportsToJudge = 25;
+
+    // How well the drives' reports have lately agreed with what they were told.
+    struct Watch {
+        WheelPair<double> told;
+        std::array<std::uint32_t, 2> steady_cycles{};
+        std::array<double, 2> ratio{1, 1};
+        std::array<int, 2> reports{};
+    };
+
+    void stop(IdentCause cause) {
+        cause_ = cause;
+        state_ = IdentState::stopped_by_limit;
+    }
+    void finish(IdentCause cause) {
+        cause_ = cause;
+        state_ = IdentState::done;
+    }
+
+    WheelPair<Real> step_probe(const Pose<Real>& pose, const Twist<Real>& velocity, const ProbeSample& senses) {
+        const WheelPair<double> torque = probe_.step(senses);
+        check_limits(pose, velocity);
+        if (finished()) return {};
+        if (probe_.finished()) {
+            if (probe_.findings().fault != IdentCause::none) {
+                stop(probe_.findings().fault);
+                return {};
+            }
+            apply_sizing();
+            return {};
+        }
+        return {static_cast<Real>(torque.left), static_cast<Real>(torque.right)};
+    }
+
+    void apply_sizing() {
+        sizing_ = size_identification(options_.sizing, probe_.findings());
+        if (sizing_.obstacle != IdentCause::none) {
+            stop(sizing_.obstacle);
+            return;
+        }
+        ExcitationOptions<Real>& excitation = options_.excitation;
+        excitation.amplitude_Nm = static_cast<Real>(sizing_.amplitude_Nm);
+        excitation.bit_time_s = sizing_.bit_time_s;
+        excitation.speed_limit_m_per_s = static_cast<Real>(sizing_.speed_limit_m_per_s);
+        excitation.yaw_rate_limit_rad_per_s = static_cast<Real>(sizing_.yaw_rate_limit_rad_per_s);
+        options_.estimator.filter.kernel_s = sizing_.kernel_s;
+        options_.estimator.filter.standing_speed_rad_per_s = static_cast<Real>(sizing_.standing_speed_rad_per_s);
+        options_.estimator.filter.standing_samples = sizing_.standing_samples;
+        options_.estimator.coupling_standard_error_m = static_cast<Real>(sizing_.coupling_standard_error_m);
+        estimator_.configure(options_.estimator);
+        excitation_.start(excitation, start_, seed_);
+        excite();
+    }
+
+    void excite() {
+        const double dt = options_.excitation.sample_time_s;
+        delay_cycles_ = 0;
+        if (options_.delay_phase_s > 0) {
+            next_look_ = static_cast<std::uint32_t>(options_.delay_phase_s / dt);
+            last_delay_cycle_ = static_cast<std::uint32_t>(
+                (options_.probe ? kLongestDelayPhase : 1.0) * options_.delay_phase_s / dt);
+            delay_estimator_.configure(options_.estimator.filter);
+            state_ = IdentState::measuring_delay;
+        } else {
+            delay_.delay_s = static_cast<Real>(options_.estimator.filter.delay_s);
+            state_ = IdentState::estimating;
+        }
+    }
+
+    void look_at_delay() {
         delay_ = delay_estimator_.estimate();
-        if (!delay_.valid) {
-            stop(IdentLimit::delay);
+        const bool sure = delay_.valid && delay_.standard_error_s <= kSureDelay_s;
+        if (!sure && delay_cycles_ < last_delay_cycle_) {
+            next_look_ = delay_cycles_ + kLookAgainCycles;
+            return;
+        }
+        if (!delay_.valid || (options_.probe && delay_.standard_error_s > kUsableDelay_s)) {
+            stop(IdentCause::delay_not_found);
             return;
         }
         estimator_.set_delay(static_cast<double>(delay_.delay_s));
         state_ = IdentState::estimating;
+    }
+    static constexpr std::uint32_t kLookAgainCycles = 250;
+
+    void watch_reports(const WheelPair<Real>& told, const ProbeSample& senses) {
+        if (!options_.probe || !probe_.findings().reports) return;
+        const std::array<double, 2> now{static_cast<double>(told.left), static_cast<double>(told.right)};
+        const std::array<double, 2> before{watch_.told.left, watch_.told.right};
+        const std::array<double, 2> got{senses.reported_Nm.left, senses.reported_Nm.right};
+        const auto settled = static_cast<std::uint32_t>(0.008 / options_.excitation.sample_time_s);
+        for (std::size_t i = 0; i < 2; ++i) {
+            watch_.steady_cycles[i] = now[i] == before[i] ? watch_.steady_cycles[i] + 1 : 0;
+            if (!senses.report_is_new[i] || now[i] == 0 || watch_.steady_cycles[i] < settled) continue;
+            const double ratio = got[i] / (now[i] * probe_.findings().report_ratio);
+            watch_.ratio[i] += (ratio - watch_.ratio[i]) / kReportsToJudge;
+            if (++watch_.reports[i] > kReportsToJudge && watch_.ratio[i] < kFollowed)
+                stop(IdentCause::torque_not_followed);
+        }
+        watch_.told = {now[0], now[1]};
+    }
+
+    bool still_good() const {
+        const auto& k = estimator_.estimate().dynamics;
+        const auto& e = estimator_.estimate().standard_error;
+        const Real share = kStillGood * options_.estimator.relative_standard_error;
+        return k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 && e.k7_per_kg_m <= share * k.k7_per_kg_m &&
+               e.k8_per_kg_m2 <= share * k.k8_per_kg_m2;
+    }
+
+    bool coupling_still_good() const {
+        const Real most = kStillGoodCoupling * options_.estimator.coupling_standard_error_m;
+        return estimator_.k5_error_m() <= most && estimator_.k6_error_m() <= most;
     }
 
     void check_limits(const Pose<Real>& pose, const Twist<Real>& velocity) {
@@ -106,29 +231,38 @@ class IdentificationRun {
         if (cycles_ >= last_cycle_) {
             // run to the end on purpose, with errors small enough: that is done, not a limit
             if (estimator_.estimate().good_enough) {
-                state_ = IdentState::done;
+                finish(IdentCause::good_enough);
+            } else if (state_ == IdentState::estimating && still_good()) {
+                finish(coupling_still_good() ? IdentCause::good_enough : IdentCause::coupling_not_known);
             } else {
-                stop(IdentLimit::time);
+                stop(IdentCause::time_over);
             }
         } else if (!(excitation_.distance_m(pose) <= limits.distance_limit_m)) {
-            stop(IdentLimit::distance);
+            stop(IdentCause::area_left);
         } else if (!(std::abs(velocity.v_m_per_s) <= options_.overshoot * limits.speed_limit_m_per_s) ||
                    !(std::abs(velocity.omega_rad_per_s) <=
                      options_.overshoot * limits.yaw_rate_limit_rad_per_s)) {
-            stop(IdentLimit::speed);
+            stop(IdentCause::too_fast);
         }
     }
 
     IdentificationOptions<Real> options_{};
+    Probe probe_;
+    Sizing sizing_{};
     Excitation<Real> excitation_;
     DelayEstimator<Real> delay_estimator_;
     DynamicsEstimator<Real> estimator_;
     DelayEstimate<Real> delay_{};
+    Watch watch_{};
+    Pose<Real> start_{};
+    std::uint32_t seed_ = 0;
     std::uint32_t cycles_ = 0;
     std::uint32_t delay_cycles_ = 0;
+    std::uint32_t next_look_ = 0;
+    std::uint32_t last_delay_cycle_ = 0;
     std::uint32_t last_cycle_ = 0;
     IdentState state_ = IdentState::done;
-    IdentLimit limit_ = IdentLimit::none;
+    IdentCause cause_ = IdentCause::none;
 };
 
 }  // namespace wheelwright::ident

@@ -114,12 +114,18 @@ struct ParameterInfo {
     std::string_view unit;  // "" for none
     ParameterKind kind;
     double standard;  // default
-    double minimum, maximum;
+    double minimum, maximum;  // beside these, 0 where automatic()
     ChangeWhen when;
     std::span<const std::string_view> choices;  // names of a choice's values, in order of value
     double (*get)(const RobotParameters&);
     void (*set)(RobotParameters&, double);
     std::string_view meaning;
+
+    // 0 stands for "auto", which is the default: the firmware finds the value itself.
+    constexpr bool automatic() const { return standard == 0 && minimum > 0; }
+    constexpr bool allows(double value) const {
+        return (value >= minimum && value <= maximum) || (automatic() && value == 0);
+    }
 };
 
 // The table, ordered by index. The effects' parameters are not in it: see effect_index().

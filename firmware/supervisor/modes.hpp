@@ -34,6 +34,8 @@ struct Conditions {
     bool not_finite = false;                // a computed torque or state was not a number
     bool terminate = false;                 // the process was asked to end
     bool moving = false;                    // a wheel's rim is faster than safety.clear_speed_m_per_s
+    bool rolling = false;                   // a wheel does not stand yet
+    bool model_known = false;               // K7 and K8 are identified or given, not the defaults
     bool velocity_design_accepted = false;  // the velocity loops have a design with the demanded margins
     bool model_trusted = false;             // K7 and K8 have standard errors within the limit
     bool mode_finished = false;             // the active mode has nothing left to do (identification)
@@ -96,6 +98,8 @@ inline constexpr std::array kEntryRules{
     EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
     EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},
     EntryRule{bit(Mode::ident), &Conditions::moving, false, Blocker::robot_moving},
+    EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
+              &Conditions::model_known, true, Blocker::not_identified},
     EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
               &Conditions::velocity_design_accepted, true, Blocker::design_refused},
     EntryRule{bit(Mode::adaptive), &Conditions::model_trusted, true, Blocker::model_not_trusted},

@@ -77,7 +77,7 @@ void Supervisor::step(const Conditions& now) {
             }
             break;
         case Phase::ramping:
-            if (!now.moving || phase_cycles_ > config_.ramp_limit_cycles) {
+            if (!now.rolling || phase_cycles_ > config_.ramp_limit_cycles) {
                 phase_ = Phase::steady;
                 if (mode_ != Mode::fault) mode_ = Mode::idle;
             }

@@ -17,6 +17,9 @@ static_assert(unsigned(protocol::DriveState::silent) == unsigned(DriveState::sil
 
 // A torque frame that the bus would not take for this many cycles in a row: the bus counts as down.
 constexpr int kRefusedTorquesUntilDown = 5;
+// A robot stands when no rim has been faster than this share of safety.clear_speed_m_per_s for so long.
+constexpr double kStandingShare = 0.1;
+constexpr int kStandingCycles = 20;
 // After a request to end: how long the drives may take to confirm that they are idle.
 constexpr int kEndingCycles = 500;
 
@@ -47,6 +50,13 @@ bool effects_measured(const model::RobotParameters& p) {
     return measured;
 }
 
+// K7 and K8 are the table's defaults: nobody has given, measured or weighed them.
+bool model_known(const model::RobotParameters& p) {
+    const model::Dynamics<double> standard = model::default_parameters().dynamics;
+    return p.dynamics.k7_per_kg_m != standard.k7_per_kg_m ||
+           p.dynamics.k8_per_kg_m2 != standard.k8_per_kg_m2 || p.dynamics_standard_error.k7_per_kg_m > 0;
+}
+
 double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
 
 std::uint16_t narrow(std::uint64_t value) {
@@ -72,9 +82,11 @@ Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const Cyc
 // Hands the live parameters to everybody who works with them.
 void Cycle::configure() {
     control_.configure(parameters_);
+    rough_model_ = false;
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
     odometry_.configure(control::odometry_settings<double>(parameters_));
     effects_measured_ = effects_measured(parameters_);
+    model_known_ = model_known(parameters_);
     ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
     ports_.right.set_torque_scale(parameters_.drive.right.torque_scale);
 }
@@ -205,13 +217,16 @@ void Cycle::judge_conditions() {
     c.bus_down = bus_lost_ || refused_torques_ >= kRefusedTorquesUntilDown;
     c.terminate = terminate_.load(std::memory_order_relaxed);
     const auto& radius = control_.plant().geometry.wheel_radius_m;
-    c.moving =
-        std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
-                 std::abs(radius.right * motion.wheel_speed_rad_per_s.right)) > safety.clear_speed_m_per_s;
+    const double rim = std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
+                                std::abs(radius.right * motion.wheel_speed_rad_per_s.right));
+    c.moving = rim > safety.clear_speed_m_per_s;
+    resting_cycles_ = rim > kStandingShare * safety.clear_speed_m_per_s ? 0 : resting_cycles_ + 1;
+    c.rolling = resting_cycles_ < kStandingCycles;
     c.velocity_design_accepted = control_.design_accepted();
     const auto& k = parameters_.dynamics;
     const auto& e = parameters_.dynamics_standard_error;
     const double trust = parameters_.adaptation.trust_relative_error;
+    c.model_known = model_known_;
     c.model_trusted = effects_measured_ && e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 &&
                       e.k7_per_kg_m <= trust * k.k7_per_kg_m && e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
     c.mode_finished =
@@ -256,6 +271,7 @@ void Cycle::obey() {
         if (supervisor_.mode() == Mode::ident) {
             learning_.start_identification(parameters_, ident_settings_, now);
             identifying_ = true;
+            if (!conditions_.model_known) use_rough_model();
         } else if (supervisor_.mode() == Mode::adaptive) {
             learning_.start_adaptation(parameters_, control_.plant());
         }
@@ -275,9 +291,16 @@ void Cycle::obey() {
 
 void Cycle::finish_identification() {
     identifying_ = false;
+    learning_.interrupt_identification();
     if (!learning_.identification_succeeded()) return;
     learning_.record(service_, parameters_);
     configure();
+}
+
+// Where none is known, the observer and the brakes work with what the probe has found so far.
+void Cycle::use_rough_model() {
+    control_.change_model(learning_.probed_dynamics(), control_.plant().effects, observer_.motion());
+    rough_model_ = learning_.probed();
 }
 
 void Cycle::serve_parameters() {
@@ -333,15 +356,32 @@ void Cycle::decide() {
     const MotionInputs now = motion_inputs();
     if (supervisor_.may_drive()) {
         if (supervisor_.mode() == Mode::ident) {
-            output_.torque_Nm = learning_.identify(sample_, now.pose, now.motion.twist);
+            output_.torque_Nm = identify(now);
         } else {
             output_ = control_.torque(supervisor_.mode(), now, host_);
         }
     } else if (supervisor_.ramping()) {
-        output_ = control_.brake(now);
+        if (may_brake()) output_ = control_.brake(now);  // a loop on a guessed model would be worse than none
     } else {
         control_.release();
     }
+}
+
+WheelPair<double> Cycle::identify(const MotionInputs& now) {
+    ident::ProbeSample senses;
+    senses.angle_rad = sample_.angle_rad;
+    senses.usable = sample_.usable;
+    const std::array<const drivers::DriveFeedback*, 2> feedback{&ports_.left.feedback(), &ports_.right.feedback()};
+    senses.reported_Nm = {feedback[0]->torque_Nm, feedback[1]->torque_Nm};
+    for (std::size_t i = 0; i < 2; ++i) {
+        senses.report_is_new[i] = feedback[i]->torque_time_ns != report_ns_[i];
+        report_ns_[i] = feedback[i]->torque_time_ns;
+    }
+    senses.pose_is_new = host_.events().external_pose;
+    senses.pose = host_.external_pose.value;
+    const WheelPair<double> torque = learning_.identify(sample_, now.pose, now.motion.twist, senses);
+    if (!conditions_.model_known && !rough_model_ && learning_.probed()) use_rough_model();
+    return torque;
 }
 
 void Cycle::learn() {

@@ -110,9 +110,12 @@ class Cycle {
     void transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
     void configure();
     void finish_identification();
+    void use_rough_model();
     bool setpoint_stale() const;
     bool stale(std::int64_t time_ns, double limit_s) const;
     MotionInputs motion_inputs() const;
+    WheelPair<double> identify(const MotionInputs& now);
+    bool may_brake() const { return conditions_.model_known || rough_model_; }
 
     model::RobotParameters& parameters_;
     CyclePorts ports_;
@@ -146,11 +149,15 @@ class Cycle {
     MotionOutput output_;
     WheelPair<double> sent_torque_Nm_;
     bool effects_measured_ = false;
+    bool model_known_ = false;
     bool was_armed_ = false;
     bool was_ramping_ = false;
     bool drives_wanted_ = false;
     bool overran_ = false;
     bool identifying_ = false;
+    bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
+    int resting_cycles_ = 0;
+    std::array<std::int64_t, 2> report_ns_{};  // of the drives' newest torque reports
     bool bus_lost_ = false;
     int refused_torques_ = 0;
     std::uint32_t send_refused_ = 0;

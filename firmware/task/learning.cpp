@@ -41,20 +41,43 @@ double chosen(double asked, double standard) { return asked > 0 ? asked : standa
 void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
                                     const MotionInputs& now) {
     ident::IdentificationOptions<double> options;
+    ident::SizingRequest& sizing = options.sizing;
+    sizing.amplitude_Nm = chosen(settings.amplitude_Nm, p.ident.amplitude_Nm);
+    sizing.bit_time_s = chosen(1e-3 * settings.bit_time_ms, p.ident.bit_time_s);
+    sizing.kernel_s = p.ident.kernel_s;
+    sizing.speed_limit_m_per_s = chosen(settings.speed_limit_m_per_s, p.ident.speed_limit_m_per_s);
+    sizing.yaw_rate_limit_rad_per_s =
+        chosen(settings.yaw_rate_limit_rad_per_s, p.ident.yaw_rate_limit_rad_per_s);
+    sizing.coupling_standard_error_m = p.ident.coupling_standard_error_m;
+    sizing.track_m = p.geometry.track_m;
+    sizing.radius_m = p.geometry.mean_radius_m();
+    sizing.sample_time_s = kCyclePeriod_s;
+    sizing.distance_limit_m = chosen(settings.distance_limit_m, p.ident.distance_limit_m);
+    sizing.torque_limit_Nm = p.limits.torque_Nm;
+    sizing.robot_speed_limit_m_per_s = p.limits.speed_m_per_s;
+    sizing.robot_yaw_rate_limit_rad_per_s = p.limits.yaw_rate_rad_per_s;
+    sizing.relative_standard_error = p.ident.relative_standard_error;
+
     auto& excitation = options.excitation;
-    excitation.amplitude_Nm =
-        std::min(chosen(settings.amplitude_Nm, p.ident.amplitude_Nm), p.limits.torque_Nm);
-    excitation.bit_time_s = chosen(1e-3 * settings.bit_time_ms, p.ident.bit_time_s);
     excitation.sample_time_s = kCyclePeriod_s;
-    excitation.speed_limit_m_per_s =
-        std::min(chosen(settings.speed_limit_m_per_s, p.ident.speed_limit_m_per_s), p.limits.speed_m_per_s);
+    excitation.speed_limit_m_per_s = ident::speed_limit_m_per_s(sizing);
     excitation.yaw_rate_limit_rad_per_s =
-        std::min(chosen(settings.yaw_rate_limit_rad_per_s, p.ident.yaw_rate_limit_rad_per_s),
-                 p.limits.yaw_rate_rad_per_s);
-    excitation.distance_limit_m = chosen(settings.distance_limit_m, p.ident.distance_limit_m);
-    options.estimator.filter = filter_options(p, p.ident.kernel_s);
+        ident::yaw_rate_limit_rad_per_s(sizing, excitation.speed_limit_m_per_s);
+    excitation.distance_limit_m = sizing.distance_limit_m;
+    options.estimator.filter = filter_options(p, 0);
     options.estimator.relative_standard_error = p.ident.relative_standard_error;
-    options.estimator.coupling_standard_error_m = p.ident.coupling_standard_error_m;
+
+    options.probe = true;
+    ident::ProbeOptions& probing = options.probing;
+    probing.geometry = options.estimator.filter.geometry;
+    probing.sample_time_s = kCyclePeriod_s;
+    probing.torque_limit_Nm = p.limits.torque_Nm;
+    probing.amplitude_Nm = sizing.amplitude_Nm;
+    probing.speed_limit_m_per_s = excitation.speed_limit_m_per_s;
+    probing.yaw_rate_limit_rad_per_s = excitation.yaw_rate_limit_rad_per_s;
+    probing.distance_limit_m = sizing.distance_limit_m;
+    probing.pose_noise_m = p.odometry.external_pose_noise_m;
+    probing.heading_noise_rad = p.odometry.external_heading_noise_rad;
     options.delay_phase_s = p.ident.delay_phase_s;
     options.duration_s = chosen(settings.duration_s, p.ident.duration_s);
     run_.start(options, now.pose, excitation_seed(now));
@@ -66,6 +89,13 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     adapting_ = false;
 }
 
+model::Dynamics<double> Learning::probed_dynamics() const {
+    const ident::ProbeFindings& found = run_.probe().findings();
+    constexpr double kPredictsNothing = 1e-5;
+    if (!probed()) return {0, 0, kPredictsNothing, kPredictsNothing};
+    return {0, 0, found.k7_per_kg_m, found.k8_per_kg_m2};
+}
+
 void Learning::record(ParameterService& service, model::RobotParameters& live) const {
     const auto& e = run_.estimate();
     const auto put = [&service](std::string_view key, double value) {
@@ -73,12 +103,15 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
             service.record(info->index, std::clamp(value, info->minimum, info->maximum));
         }
     };
-    put("dynamics.k5_m", e.dynamics.k5_m);
-    put("dynamics.k6_per_m", e.dynamics.k6_per_m);
+    if (run_.coupling_known()) {
+        put("dynamics.k5_m", e.dynamics.k5_m);
+        put("dynamics.k6_per_m", e.dynamics.k6_per_m);
+        put("dynamics_standard_error.k5_m", e.standard_error.k5_m);
+        put("dynamics_standard_error.k6_per_m", e.standard_error.k6_per_m);
+    }
+    if (run_.probe().findings().clipped) put("limits.torque_Nm", run_.probe().findings().torque_limit_Nm);
     put("dynamics.k7_per_kg_m", e.dynamics.k7_per_kg_m);
     put("dynamics.k8_per_kg_m2", e.dynamics.k8_per_kg_m2);
-    put("dynamics_standard_error.k5_m", e.standard_error.k5_m);
-    put("dynamics_standard_error.k6_per_m", e.standard_error.k6_per_m);
     put("dynamics_standard_error.k7_per_kg_m", e.standard_error.k7_per_kg_m);
     put("dynamics_standard_error.k8_per_kg_m2", e.standard_error.k8_per_kg_m2);
     if (run_.delay().valid)
@@ -129,6 +162,9 @@ protocol::IdentStatus Learning::status() const {
     protocol::IdentStatus status;
     if (!started_) return status;
     status.phase = static_cast<protocol::IdentPhase>(static_cast<unsigned>(run_.state()) + 1);
+    status.cause = run_.cause();
+    status.torque_clipped = run_.probe().findings().clipped;
+    status.sides_confirmed = run_.probe().findings().pose_seen;
     status.delay_s = std::max(run_.delay().delay_s - sample_age_s_, 0.0);
     status.samples = estimate().rows;
     const auto& x = estimate().excitation;

@@ -29,11 +29,18 @@ class Learning {
     // Settings of zero mean the robot file's value.
     void start_identification(const model::RobotParameters& parameters,
                               const protocol::IdentSettings& settings, const MotionInputs& now);
-    WheelPair<double> identify(const Sample& sample, const Pose<double>& pose, const Twist<double>& twist) {
-        return run_.step(sample, pose, twist);
+    WheelPair<double> identify(const Sample& sample, const Pose<double>& pose, const Twist<double>& twist,
+                               const ident::ProbeSample& senses) {
+        return run_.step(sample, pose, twist, senses);
     }
     bool identification_finished() const { return run_.finished(); }
+    // K7 and K8 are known. K5 and K6 too: identification().coupling_known().
     bool identification_succeeded() const { return run_.state() == ident::IdentState::done; }
+    // Ends it because the mode was left.
+    void interrupt_identification() { run_.interrupt(); }
+    // K7 and K8 as the probe has found them, K5 and K6 zero; before, a model that predicts nothing.
+    model::Dynamics<double> probed_dynamics() const;
+    bool probed() const { return run_.probe().findings().k8_per_kg_m2 > 0; }
 
     // Writes what the run found to the live parameters; they are then the controllers' model.
     void record(ParameterService& service, model::RobotParameters& live) const;

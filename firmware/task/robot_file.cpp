@@ -140,6 +140,7 @@ class Reader {
 
     std::optional<double> number(const std::string& path, const toml::node& node, const NumberRange& range) {
         remember(path, node);
+        if (range.automatic && node.is_string() && node.as_string()->get() == "auto") return 0;
         const std::optional<double> found = number_of(node);
         if (!found.has_value() || (range.whole && !node.is_integer())) {
             std::string expected = range_text(range);

@@ -311,6 +311,7 @@ std::optional<FileChange> file_change(std::uint16_t index, double value) {
         const std::string key(info->key);
         switch (info->kind) {
             case model::ParameterKind::real:
+                if (info->automatic() && value == 0) return FileChange{key, std::string("auto")};
                 return FileChange{key, real};
             case model::ParameterKind::integer:
                 return FileChange{key, static_cast<std::int64_t>(value)};

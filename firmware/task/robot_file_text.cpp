@@ -9,7 +9,8 @@
 namespace wheelwright::task {
 
 NumberRange range_of(const model::ParameterInfo& info) {
-    return {info.minimum, info.maximum, info.unit, info.kind == model::ParameterKind::integer};
+    return {info.minimum, info.maximum, info.unit, info.kind == model::ParameterKind::integer,
+            info.automatic()};
 }
 
 std::string plain_number(double value) {
@@ -30,7 +31,8 @@ std::string quantity_text(double value, std::string_view unit) {
 
 std::string range_text(const NumberRange& range) {
     return std::string(range.whole ? "a whole number from " : "a number from ") +
-           plain_number(range.minimum) + " to " + quantity_text(range.maximum, range.unit);
+           plain_number(range.minimum) + " to " + quantity_text(range.maximum, range.unit) +
+           (range.automatic ? ", or \"auto\"" : "");
 }
 
 std::string choices_text(std::span<const std::string_view> choices) {

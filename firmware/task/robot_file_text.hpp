@@ -12,7 +12,8 @@ namespace wheelwright::task {
 struct NumberRange {
     double minimum, maximum;
     std::string_view unit;  // "" for none
-    bool whole = false;     // no fractions
+    bool whole = false;      // no fractions
+    bool automatic = false;  // "auto" too
 };
 NumberRange range_of(const model::ParameterInfo& info);
 

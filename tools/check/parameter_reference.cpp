@@ -31,7 +31,8 @@ std::string range(const NamedParameter& parameter) {
         return text;
     }
     return number(parameter.minimum) + " to " + number(parameter.maximum) +
-           (parameter.kind == model::ParameterKind::integer ? ", whole" : "");
+           (parameter.kind == model::ParameterKind::integer ? ", whole" : "") +
+           (parameter.automatic ? ", \"auto\"" : "");
 }
 
 std::string standard(const NamedParameter& parameter) {
@@ -43,6 +44,7 @@ std::string standard(const NamedParameter& parameter) {
         return "\"" + parameter.choices[static_cast<std::size_t>(*parameter.standard)] + "\"";
     }
     if (parameter.key == "dynamics.k6_per_m") return "from K5, K7, K8";
+    if (parameter.automatic) return "\"auto\"";
     return number(*parameter.standard);
 }
 

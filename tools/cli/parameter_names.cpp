@@ -29,6 +29,7 @@ std::vector<NamedParameter> all_parameters() {
         named.minimum = info.minimum;
         named.maximum = info.maximum;
         named.standard = info.standard;
+        named.automatic = info.automatic();
         named.when = info.when;
         named.kind = info.kind;
         for (const std::string_view choice : info.choices) named.choices.emplace_back(choice);
@@ -102,6 +103,7 @@ std::optional<double> parse_parameter_value(const NamedParameter& parameter, std
         return std::nullopt;
     }
     const bool whole = parameter.kind == ParameterKind::integer;
+    if (parameter.automatic && text == "auto") return 0;
     const std::optional<double> value = parse_number(text);
     if (value.has_value() && *value >= parameter.minimum && *value <= parameter.maximum &&
         (!whole || *value == std::floor(*value))) {
@@ -110,6 +112,7 @@ std::optional<double> parse_parameter_value(const NamedParameter& parameter, std
     expected = std::string(whole ? "a whole number" : "a number") + " from " +
                number_text(parameter.minimum) + " to " + number_text(parameter.maximum);
     if (!parameter.unit.empty()) expected.append(" ").append(parameter.unit);
+    if (parameter.automatic) expected += ", or auto";
     return std::nullopt;
 }
 
@@ -119,6 +122,7 @@ std::string parameter_value_text(const NamedParameter& parameter, float value) {
         static_cast<std::size_t>(value) < parameter.choices.size()) {
         return parameter.choices[static_cast<std::size_t>(value)];
     }
+    if (parameter.automatic && value == 0) return "auto";
     std::array<char, 40> digits{};
     const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), value).ptr;
     return {digits.data(), end};

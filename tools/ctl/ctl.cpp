@@ -420,7 +420,10 @@ void add_param(const CommandLine& ctl, const Shared& options, Run& run) {
                 return complain(kUsage, parameter->key + ": only the robot file sets it, at the start");
             }
             return run_parameter(*options, ParameterOperation::write, parameter,
-                                 float_within(*number, parameter->minimum, parameter->maximum), *commit);
+                                 parameter->automatic && *number == 0
+                                     ? 0.0F
+                                     : float_within(*number, parameter->minimum, parameter->maximum),
+                                 *commit);
         };
     });
     const auto simple = [&](const char* name, const char* text, ParameterOperation operation) {

@@ -28,7 +28,10 @@ ident::DynamicsEstimatorOptions<double> estimator_options(const IdentSetup& setu
         options.filter.effects.active[i] = options.filter.effects.active[i] || setup.effects[i];
     }
     options.filter.sample_time_s = task::kCyclePeriod_s;
-    options.filter.kernel_s = setup.robot.ident.kernel_s;
+    constexpr double kUsualBit_s = 0.02;  // a log does not say which bits it was driven with
+    const double kernel_s = setup.robot.ident.kernel_s;
+    options.filter.kernel_s =
+        kernel_s > 0 ? kernel_s : ident::kernel_for_bit_s(kUsualBit_s, task::kCyclePeriod_s);
     options.filter.sample_age_s = task::Learning::sample_age_s(setup.robot);
     options.filter.delay_s = setup.robot.velocity_loop.actuation_delay_s + options.filter.sample_age_s;
     options.relative_standard_error = setup.relative_standard_error;

@@ -1,0 +1,545 @@
+// What the ident mode does before it excites: finds out gently what robot this is.
+//
+//   rest       noise of the angles
+//   left       torque on the left wheel alone, rising slowly until it moves: sign, breakaway friction
+//   right      the same on the right
+//   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
+//   turning    the same in place: with `forward` rough K7 and K8, friction, and how the wheels act on each other
+//   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
+//
+// A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
+// torque and its opposite friction cancels. No wheel gets faster than kSpeedShare of the speed limit.
+//
+// What is wrong with the robot has a name, IdentCause, before anything moves fast. Which motor is which,
+// and which way is forward, the wheels' own encoders cannot tell: an external pose can, where there is one.
+//
+// One call of step() a cycle, less than 300 operations, but for the one that ends a parabola (about 200 more).
+// No allocation.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "firmware/ident/parabola.hpp"
+#include "firmware/model/dynamics.hpp"
+#include "firmware/model/types.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
+
+namespace wheelwright::ident {
+
+using protocol::IdentCause;
+
+struct ProbeOptions {
+    model::Geometry<double> geometry;
+    double sample_time_s{};
+    double torque_limit_Nm{};
+    double amplitude_Nm{};  // torque that the pulses shall try; 0: the torque limit
+    double speed_limit_m_per_s{};
+    double yaw_rate_limit_rad_per_s{};
+    double distance_limit_m{};
+    double pose_noise_m{}, heading_noise_rad{};  // of the external pose
+};
+
+// What a cycle hands over.
+struct ProbeSample {
+    WheelPair<double> angle_rad;
+    bool usable = true;                  // the angles are new
+    WheelPair<double> reported_Nm;       // by the drives,
+    std::array<bool, 2> report_is_new{};  // in this cycle
+    bool pose_is_new = false;            // an external pose came
+    Pose<double> pose;
+};
+
+struct ProbeFindings {
+    IdentCause fault = IdentCause::none;
+    double angle_noise_rad{};                // standard deviation of an angle while turning
+    WheelPair<double> breakaway_Nm;          // torque at which each wheel moved
+    double friction_Nm{};                    // of a wheel while sliding, mean
+    double k7_per_kg_m{}, k8_per_kg_m2{};    // rough
+    WheelPair<double> pushed_m_per_s2_Nm;    // rim acceleration of each wheel by its own torque
+    WheelPair<double> dragged_m_per_s2_Nm;   // and by the other one's
+    double torque_limit_Nm{};                // what the drives deliver at most, as far as it was tried
+    bool clipped = false;                    // less than was asked
+    bool clipped_by_report = false;          // the drives' own reports say so; otherwise the motion does
+    double report_ratio = 1;                 // reported over asked where nothing clips
+    bool reports = false;                    // the drives report their torque
+    bool pose_seen = false;                  // an external pose has confirmed which wheel is which
+};
+
+class Probe {
+  public:
+    void start(const ProbeOptions& options) {
+        *this = Probe{};
+        options_ = options;
+        found_.torque_limit_Nm = tried_Nm();
+        found_.breakaway_Nm = {};
+        go(Stage::rest);
+    }
+
+    // The torque for this cycle; zero when finished.
+    WheelPair<double> step(const ProbeSample& sample) {
+        if (finished()) return {};
+        ++cycles_;
+        ++stage_cycles_;
+        take(sample);
+        switch (stage_) {
+            case Stage::rest:
+                torque_ = {};
+                rest();
+                break;
+            case Stage::left:
+            case Stage::right:
+                ramp();
+                break;
+            case Stage::pause:
+                torque_ = {};
+                pause();
+                break;
+            case Stage::forward:
+            case Stage::turning:
+                push();
+                break;
+            case Stage::pulses:
+                pulse();
+                break;
+            case Stage::done:
+                break;
+        }
+        if (finished()) torque_ = {};
+        return torque_;
+    }
+
+    bool finished() const { return stage_ == Stage::done; }
+    const ProbeFindings& findings() const { return found_; }
+    double elapsed_s() const { return cycles_ * options_.sample_time_s; }
+    double progress() const { return std::min(1.0, static_cast<double>(stage_) / 7.0); }
+
+  private:
+    enum class Stage : std::uint8_t { rest, left, right, forward, turning, pulses, pause, done };
+
+    // Seconds below are of a person's patience and of the drives' delay, of which none is longer than 6 ms.
+    static constexpr double kRest_s = 0.4;
+    static constexpr double kRamp_s = 2.0;       // from zero to the torque limit
+    static constexpr double kLongestPush_s = 1.2;
+    static constexpr double kShortestPush_s = 0.03;
+    static constexpr double kLongestPause_s = 1.5;
+    static constexpr double kStill_s = 0.25;     // at rest before the next stage; some external poses come
+    static constexpr double kSettle_s = 0.010;   // after a change of torque: delay and lag
+    static constexpr double kSpeedShare = 0.3;   // of the limits
+    static constexpr double kRoomShare = 0.06;   // of the room, for one push
+    static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
+    static constexpr double kNoises = 8;         // and of the noise
+    static constexpr double kFree = 0.15;        // of its own push that a wheel on the ground drags the other with
+    static constexpr double kFreeRatio = 2.2;    // and no drive is so much weaker than the other
+    static constexpr double kUnclipped = 0.97;   // of what was asked
+    static constexpr double kSure = 4;           // standard errors
+    static constexpr double kMostFriction = 0.8; // of a torque, that pulses still move against
+    static constexpr double kFitShare = 0.9;     // of a pulse; at its end the wheel may stand
+    static constexpr double kShortestFit_s = 0.010;
+    static constexpr double kLongestPulse_s = 0.25;
+    static constexpr std::size_t kFewestPulses = 3;
+    static constexpr std::size_t kMostPulses = 8;
+    static constexpr std::size_t kSpeedSpan = 16;
+
+    double tried_Nm() const {
+        return options_.amplitude_Nm > 0 ? std::min(options_.amplitude_Nm, options_.torque_limit_Nm)
+                                         : options_.torque_limit_Nm;
+    }
+
+    void go(Stage stage) {
+        stage_ = stage;
+        stage_cycles_ = 0;
+        begin_ = angle_;
+        torque_ = {};
+        leg_ = 0;
+        leg_cycles_ = 0;
+    }
+    void rest_then(Stage next) {
+        next_ = next;
+        go(Stage::pause);
+        still_cycles_ = 0;
+    }
+    void end(IdentCause fault) {
+        found_.fault = fault;
+        go(Stage::done);
+    }
+    double stage_s() const { return stage_cycles_ * options_.sample_time_s; }
+
+    void take(const ProbeSample& sample) {
+        if (sample.usable) {
+            const WheelPair<double> oldest = ring_[ring_at_ % kSpeedSpan];
+            if (ring_at_ >= kSpeedSpan) {
+                const double span_s = kSpeedSpan * options_.sample_time_s;
+                speed_ = {(sample.angle_rad.left - oldest.left) / span_s,
+                          (sample.angle_rad.right - oldest.right) / span_s};
+            }
+            ring_[ring_at_ % kSpeedSpan] = sample.angle_rad;
+            ++ring_at_;
+            angle_ = sample.angle_rad;
+            if (ring_at_ == 1) begin_ = angle_;
+        }
+        usable_ = sample.usable;
+        report_ = sample.reported_Nm;
+        report_is_new_ = sample.report_is_new;
+        if (sample.pose_is_new) {
+            // mean of the poses while the robot stands
+            pose_sum_.x_m += sample.pose.x_m;
+            pose_sum_.y_m += sample.pose.y_m;
+            if (pose_count_ == 0) first_heading_rad_ = sample.pose.heading_rad;
+            pose_sum_.heading_rad += wrap_angle_rad(sample.pose.heading_rad - first_heading_rad_);
+            ++pose_count_;
+        }
+    }
+
+    WheelPair<double> moved() const { return {angle_.left - begin_.left, angle_.right - begin_.right}; }
+    WheelPair<double> rim_speed() const {
+        return {speed_.left * options_.geometry.wheel_radius_m.left,
+                speed_.right * options_.geometry.wheel_radius_m.right};
+    }
+    double moved_enough() const { return std::max(kMoved_rad, kNoises * rest_noise_rad_); }
+
+    void rest() {
+        if (usable_ && stage_s() > kRest_s / 4) {
+            rest_fit_.add(stage_s(), angle_.left);
+            rest_fit_other_.add(stage_s(), angle_.right);
+        }
+        if (stage_s() < kRest_s) return;
+        rest_noise_rad_ = std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
+        const WheelPair<double> m = moved();
+        if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough()) return end(IdentCause::not_at_rest);
+        note_pose(0);
+        go(Stage::left);
+    }
+
+    // One wheel alone.
+    void ramp() {
+        const bool right = stage_ == Stage::right;
+        const WheelPair<double> m = moved();
+        const double mine = right ? m.right : m.left;
+        double& breakaway = right ? found_.breakaway_Nm.right : found_.breakaway_Nm.left;
+        const double torque = std::min(options_.torque_limit_Nm * stage_s() / kRamp_s, options_.torque_limit_Nm);
+        if (std::abs(mine) > moved_enough()) {
+            breakaway = torque;
+            if (mine < 0) return end(right ? IdentCause::right_wheel_against_torque : IdentCause::left_wheel_against_torque);
+            return rest_then(right ? Stage::forward : Stage::right);
+        }
+        if (stage_s() > kRamp_s + kRest_s) {
+            breakaway = 0;
+            if (!right) return rest_then(Stage::right);
+            return end(found_.breakaway_Nm.left > 0 ? IdentCause::right_wheel_does_not_turn : IdentCause::too_heavy);
+        }
+        torque_ = right ? WheelPair<double>{0, torque} : WheelPair<double>{torque, 0};
+        if (stage_s() > kRamp_s / 2) compare_report(kSettle_s);
+    }
+
+    // Until the robot stands for a while.
+    void pause() {
+        if (stage_ != Stage::pause) return;
+        const WheelPair<double> v = rim_speed();
+        const double slow = 0.02 * options_.speed_limit_m_per_s;
+        const bool still = std::max(std::abs(v.left), std::abs(v.right)) < slow;
+        if (!still) still_cycles_ = 0;
+        // a robot that hardly rubs rolls on: stopped by a torque of its own friction, below what would start it
+        if (!still && stage_s() > kStill_s) {
+            torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
+                       -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
+        }
+        if (still && still_cycles_ == 0) forget_poses();
+        ++still_cycles_;
+        if (still_cycles_ * options_.sample_time_s < kStill_s && stage_s() < kLongestPause_s) return;
+        const Stage next = next_;
+        if (next == Stage::forward) {
+            if (!(found_.breakaway_Nm.left > 0)) return end(IdentCause::left_wheel_does_not_turn);
+            note_pose(0);
+        }
+        if (next == Stage::turning) note_pose(1);
+        if (next == Stage::pulses) {
+            note_pose(2);
+            if (judge_pose() || judge_coupling()) return;
+        }
+        if (next == Stage::done) return judge_pulses();
+        go(next);
+        if (next == Stage::forward || next == Stage::turning) choose_push();
+        if (next == Stage::pulses) choose_pulse();
+    }
+    static double brake_Nm(double breakaway_Nm, double speed, double slow) {
+        return breakaway_Nm * std::clamp(speed / (2 * slow), -1.0, 1.0);
+    }
+
+    // Well above friction, well below what is fast.
+    void choose_push() {
+        const double breakaway = std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
+        push_Nm_ = std::clamp(std::max(2 * breakaway, 0.15 * options_.torque_limit_Nm), 0.0, options_.torque_limit_Nm);
+    }
+
+    // There, then back with the opposite torque.
+    void push() {
+        const bool turning = stage_ == Stage::turning;
+        const WheelPair<double> v = rim_speed();
+        const WheelPair<double> m = moved();
+        const auto& r = options_.geometry.wheel_radius_m;
+        const double sign_left = turning ? -1 : 1;
+        const double speed = (v.right + sign_left * v.left) / 2;
+        const double way = std::max(std::abs(m.left * r.left), std::abs(m.right * r.right));
+        const double half_track = options_.geometry.track_m / 2;
+        const double fast = kSpeedShare * (turning ? std::min(options_.yaw_rate_limit_rad_per_s * half_track,
+                                                              options_.speed_limit_m_per_s)
+                                                   : options_.speed_limit_m_per_s);
+        const double fastest = std::max(std::abs(v.left), std::abs(v.right));
+        const double leg_s = ++leg_cycles_ * options_.sample_time_s;
+        const double sense = leg_ == 0 ? 1.0 : -1.0;
+        if (leg_s > kSettle_s && usable_) {
+            fit_[leg_][0].add(leg_s, angle_.left);
+            fit_[leg_][1].add(leg_s, angle_.right);
+            compare_report(2 * kSettle_s);
+        }
+        if (leg_ == 0) {
+            const bool quick = fastest > fast;
+            if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
+                if (leg_s < kShortestPush_s && push_Nm_ > 1.2 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right) &&
+                    quick) {
+                    push_Nm_ /= 2;  // too quick to be seen: once more, gently
+                    fit_ = {};
+                    return rest_then(stage_);
+                }
+                leg_ = 1;
+                leg_cycles_ = 0;
+                went_s_ = leg_s;
+                torque_ = {-sign_left * push_Nm_, -push_Nm_};
+                return;
+            }
+        } else if ((speed <= 0 && leg_s > 2 * kSettle_s) || leg_s > 2 * went_s_ + kShortestPush_s) {
+            return end_push(turning);
+        }
+        torque_ = {sense * sign_left * push_Nm_, sense * push_Nm_};
+    }
+
+    void end_push(bool turning) {
+        const auto& r = options_.geometry.wheel_radius_m;
+        // per torque, friction cancelled
+        const auto response = [&](std::size_t wheel, double radius) {
+            return radius * (fit_[0][wheel].acceleration() - fit_[1][wheel].acceleration()) / (2 * push_Nm_);
+        };
+        const auto sum = [&](std::size_t wheel, double radius) {
+            return radius * (fit_[0][wheel].acceleration() + fit_[1][wheel].acceleration()) / 2;
+        };
+        const WheelPair<double> d{response(0, r.left), response(1, r.right)};
+        if (!turning) {
+            forward_ = d;
+            // what is left beside the torque's share is friction's
+            const double both = (d.left + d.right) / 2;
+            const double rub = -(sum(0, r.left) + sum(1, r.right)) / 2;
+            found_.friction_Nm = both > 0 ? std::max(0.0, rub / both) : 0;
+            found_.k7_per_kg_m = both / 2;
+        } else {
+            turning_ = d;
+            found_.k8_per_kg_m2 = (d.right - d.left) / 2 / options_.geometry.track_m;
+            found_.pushed_m_per_s2_Nm = {(forward_.left - d.left) / 2, (forward_.right + d.right) / 2};
+            found_.dragged_m_per_s2_Nm = {(forward_.left + d.left) / 2, (forward_.right - d.right) / 2};
+        }
+        double variance = 0;
+        for (const auto& leg : fit_)
+            for (const Parabola& wheel : leg) variance = std::max(variance, wheel.residual_variance());
+        found_.angle_noise_rad = std::max(found_.angle_noise_rad, std::sqrt(variance));
+        fit_ = {};
+        rest_then(turning ? Stage::pulses : Stage::turning);
+    }
+
+    // A wheel in the air turns without taking the other one, or the robot, with it.
+    bool judge_coupling() {
+        const auto& own = found_.pushed_m_per_s2_Nm;
+        const auto& other = found_.dragged_m_per_s2_Nm;
+        if (!(found_.k7_per_kg_m > 0) || !(found_.k8_per_kg_m2 > 0) || !(own.left > 0) || !(own.right > 0)) {
+            end(own.left > own.right ? IdentCause::right_wheel_does_not_turn : IdentCause::left_wheel_does_not_turn);
+            return true;
+        }
+        const double scale = std::sqrt(own.left * own.right);
+        const bool apart = std::max(std::abs(other.left), std::abs(other.right)) < kFree * scale;
+        if (apart && own.left > kFreeRatio * own.right) return end(IdentCause::left_wheel_off_ground), true;
+        if (apart && own.right > kFreeRatio * own.left) return end(IdentCause::right_wheel_off_ground), true;
+        return false;
+    }
+
+    // ---- external pose
+
+    void forget_poses() {
+        pose_sum_ = {};
+        pose_count_ = 0;
+    }
+    void note_pose(std::size_t at) {
+        known_[at] = pose_count_ > 0;
+        if (pose_count_ > 0) {
+            const double n = pose_count_;
+            pose_[at] = {pose_sum_.x_m / n, pose_sum_.y_m / n, first_heading_rad_ + pose_sum_.heading_rad / n};
+        }
+        poses_[at] = pose_count_;
+        wheels_[at] = angle_;
+        forget_poses();
+    }
+    // How the robot moved, forward and turned, by the poses and by the wheels, between two of them.
+    struct Way {
+        double forward_m, turn_rad;
+    };
+    Way seen(std::size_t from) const {
+        const Pose<double>& a = pose_[from];
+        const Pose<double>& b = pose_[from + 1];
+        const double turn = wrap_angle_rad(b.heading_rad - a.heading_rad);
+        const double along = a.heading_rad + turn / 2;
+        return {(b.x_m - a.x_m) * std::cos(along) + (b.y_m - a.y_m) * std::sin(along), turn};
+    }
+    Way rolled(std::size_t from) const {
+        const auto& r = options_.geometry.wheel_radius_m;
+        const double left = r.left * (wheels_[from + 1].left - wheels_[from].left);
+        const double right = r.right * (wheels_[from + 1].right - wheels_[from].right);
+        return {(left + right) / 2, (right - left) / options_.geometry.track_m};
+    }
+    // Which of the two would have been expected, where either is seen in its noise.
+    bool judge_pose() {
+        if (!known_[0] || !known_[1] || !known_[2]) return false;
+        constexpr double kSurePose = 6;  // standard deviations
+        const auto fewest = static_cast<double>(std::min({poses_[0], poses_[1], poses_[2]}));
+        const double sigma_m = options_.pose_noise_m * std::sqrt(2 / fewest);
+        const double sigma_rad = options_.heading_noise_rad * std::sqrt(2 / fewest);
+        const Way straight = seen(0), wheels_straight = rolled(0);
+        const Way spin = seen(1), wheels_spin = rolled(1);
+        const double half_track = options_.geometry.track_m / 2;
+        const bool told = std::abs(wheels_straight.forward_m) > 2 * kSurePose * sigma_m &&
+                          std::abs(wheels_spin.turn_rad) > 2 * kSurePose * sigma_rad;
+        const bool odd_told = std::abs(wheels_straight.forward_m) / half_track > 2 * kSurePose * sigma_rad;
+        // told to go straight, it turned
+        const double turned = straight.turn_rad * half_track / wheels_straight.forward_m;
+        if (odd_told && std::abs(turned) > 0.5 && std::abs(straight.turn_rad - wheels_straight.turn_rad) > kSurePose * sigma_rad)
+            return end(turned > 0 ? IdentCause::left_sign_wrong : IdentCause::right_sign_wrong), true;
+        if (!told) return false;
+        if (straight.forward_m / wheels_straight.forward_m < -0.5) return end(IdentCause::both_signs_wrong), true;
+        if (spin.turn_rad / wheels_spin.turn_rad < -0.5) return end(IdentCause::wheels_swapped), true;
+        found_.pose_seen = true;
+        return false;
+    }
+
+    // ---- pulses
+
+    // Forward and back to rest, backward and back to rest, with the whole amplitude; the same with half of it;
+    // and all again. The first pulse of a pair lasts for pulse_s_, the second until friction and torque have
+    // stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
+    void choose_pulse() {
+        const double friction = std::min(2 * found_.friction_Nm / tried_Nm(), kMostFriction);  // at half amplitude
+        const double fast = kSpeedShare * options_.speed_limit_m_per_s;
+        const double wanted_s = fast / (2 * tried_Nm() * found_.k7_per_kg_m);
+        const double shortest_s = (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
+        pulse_s_ = std::clamp(wanted_s, shortest_s, std::max(shortest_s, kLongestPulse_s));
+        begin_pulse();
+    }
+    double pulse_Nm() const { return leg_ / 4 % 2 == 0 ? tried_Nm() : tried_Nm() / 2; }
+    void begin_pulse() {
+        constexpr std::array<double, 4> kSense{1, -1, -1, 1};
+        const double friction = std::min(found_.friction_Nm / pulse_Nm(), kMostFriction);
+        leg_s_ = leg_ % 2 == 0 ? pulse_s_ : pulse_s_ * (1 - friction) / (1 + friction);
+        const double torque = kSense[leg_ % 4] * pulse_Nm();
+        torque_ = {torque, torque};
+        pulse_fit_ = {};
+        leg_cycles_ = 0;
+    }
+    void pulse() {
+        const double at_s = leg_cycles_++ * options_.sample_time_s;
+        if (usable_ && at_s > kSettle_s && at_s <= std::max(kFitShare * leg_s_, kSettle_s + kShortestFit_s)) {
+            pulse_fit_[0].add(at_s, angle_.left);
+            pulse_fit_[1].add(at_s, angle_.right);
+            compare_report(2 * kSettle_s);
+        }
+        if (at_s < leg_s_) return;
+        for (std::size_t wheel = 0; wheel < 2; ++wheel) {
+            quadruple_[wheel] += pulse_fit_[wheel].acceleration() / (torque_.left > 0 ? 4 : -4);
+            if (leg_ % 4 != 3) continue;
+            answer_[leg_ / 4 % 2][wheel].add(quadruple_[wheel] / pulse_Nm());
+            quadruple_[wheel] = 0;
+        }
+        ++leg_;
+        if (leg_ % 8 == 0 && (leg_ >= 8 * kMostPulses || (leg_ >= 8 * kFewestPulses && pulses_tell())))
+            return rest_then(Stage::done);
+        begin_pulse();
+    }
+    struct Ratio {
+        double value, error;
+    };
+    // Answer to the whole amplitude over that to half of it, per torque.
+    Ratio ratio_of(std::size_t wheel) const {
+        const Mean& whole = answer_[0][wheel];
+        const Mean& half = answer_[1][wheel];
+        if (!(half.mean() > 0) || !(whole.mean() > 0)) return {1, 1};
+        const double ratio = whole.mean() / half.mean();
+        return {ratio, ratio * std::hypot(whole.error() / whole.mean(), half.error() / half.mean())};
+    }
+    bool pulses_tell() const { return std::max(ratio_of(0).error, ratio_of(1).error) < (1 - kUnclipped) / kSure; }
+
+    void judge_pulses() {
+        double worst = 1;
+        for (std::size_t wheel = 0; wheel < 2; ++wheel) {
+            const Ratio ratio = ratio_of(wheel);
+            if (ratio.value < kUnclipped && ratio.value + kSure * ratio.error < 1) worst = std::min(worst, ratio.value);
+        }
+        const double by_motion_Nm = worst * tried_Nm();
+        found_.clipped_by_report = found_.reports && reported_limit_Nm_ < kUnclipped * tried_Nm();
+        found_.clipped = found_.clipped_by_report || worst < 1;
+        if (found_.clipped_by_report) found_.torque_limit_Nm = reported_limit_Nm_;
+        if (worst < 1) found_.torque_limit_Nm = std::min(found_.torque_limit_Nm, by_motion_Nm);
+        end(IdentCause::none);
+    }
+
+    // A drive's report against what it was told for `since_s` at least.
+    void compare_report(double since_s) {
+        const WheelPair<double>& told = torque_;
+        const bool same = told.left == told_before_.left && told.right == told_before_.right;
+        steady_cycles_ = same ? steady_cycles_ + 1 : 0;
+        told_before_ = told;
+        const bool ramping = stage_ == Stage::left || stage_ == Stage::right;
+        if (!ramping && steady_cycles_ * options_.sample_time_s < since_s) return;
+        for (std::size_t wheel = 0; wheel < 2; ++wheel) {
+            if (!report_is_new_[wheel]) continue;
+            const double asked = wheel == 0 ? told.left : told.right;
+            if (asked == 0) continue;
+            found_.reports = true;
+            const double got = (wheel == 0 ? report_.left : report_.right) / asked;
+            const double size = std::abs(asked);
+            if (!ramping && size < 0.6 * tried_Nm()) ratio_.add(got);
+            const double ratio = ratio_.count() > 3 ? ratio_.mean() : 1.0;
+            if (!ramping && got < kUnclipped * ratio)
+                reported_limit_Nm_ = std::min(reported_limit_Nm_, std::max(got, 0.0) * size / ratio);
+        }
+        if (ratio_.count() > 3) found_.report_ratio = ratio_.mean();
+    }
+
+    ProbeOptions options_{};
+    ProbeFindings found_{};
+    Stage stage_ = Stage::done;
+    Stage next_ = Stage::done;
+    std::uint32_t cycles_ = 0, stage_cycles_ = 0, still_cycles_ = 0, leg_cycles_ = 0, steady_cycles_ = 0;
+    std::size_t leg_ = 0;
+    WheelPair<double> torque_, told_before_, angle_, begin_, speed_, report_;
+    std::array<bool, 2> report_is_new_{};
+    bool usable_ = false;
+    std::array<WheelPair<double>, kSpeedSpan> ring_{};
+    std::size_t ring_at_ = 0;
+    Parabola rest_fit_, rest_fit_other_;
+    double rest_noise_rad_ = 0;
+    double push_Nm_ = 0, went_s_ = 0, pulse_s_ = 0, leg_s_ = 0;
+    std::array<double, 2> quadruple_{};
+    std::array<std::array<Parabola, 2>, 2> fit_{};
+    std::array<Parabola, 2> pulse_fit_{};
+    WheelPair<double> forward_, turning_;
+    std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
+    Mean ratio_;
+    double reported_limit_Nm_ = 1e300;
+    Pose<double> pose_sum_;
+    double first_heading_rad_ = 0;
+    std::uint32_t pose_count_ = 0;
+    std::array<Pose<double>, 3> pose_{};
+    std::array<WheelPair<double>, 3> wheels_{};
+    std::array<bool, 3> known_{};
+    std::array<std::uint32_t, 3> poses_{};
+};
+
+}  // namespace wheelwright::ident

@@ -1,0 +1,128 @@
+// How an identification is laid out for the robot that the probe found: amplitude, bits, averaging, limits. A
+// number that was given is obeyed; 0 means that it follows from here.
+//
+// Every constant is a share of something the robot or its file says, or a time in cycles.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <numeric>
+
+#include "firmware/ident/probe.hpp"
+#include "firmware/protocol/wheelwright_messages.hpp"
+
+namespace wheelwright::ident {
+
+struct SizingRequest {
+    // 0: to be chosen
+    double amplitude_Nm{}, bit_time_s{}, kernel_s{}, speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{},
+        coupling_standard_error_m{};
+    // given
+    double track_m{}, radius_m{}, sample_time_s{}, distance_limit_m{}, torque_limit_Nm{}, robot_speed_limit_m_per_s{},
+        robot_yaw_rate_limit_rad_per_s{}, relative_standard_error{};
+};
+
+struct Sizing {
+    protocol::IdentCause obstacle = protocol::IdentCause::none;  // why there can be none
+    double amplitude_Nm{}, bit_time_s{}, kernel_s{}, speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{},
+        coupling_standard_error_m{};
+    double standing_speed_rad_per_s{};  // below it a wheel may be held by friction
+    int standing_samples{};               // and for longer than this
+};
+
+// The room is crossed from its middle to its edge in about two seconds: time to turn back without hurry.
+inline constexpr double kSpeedPerRoom_per_s = 8.0 / 15;
+// Braking from the speed limit takes this share of the room.
+inline constexpr double kBrakingShare = 0.15;
+// Of the speed limit that one bit changes the speed by: less wastes the room that the limit gives, more makes
+// the overrides choose the torque instead of the sequence.
+inline constexpr double kBitShare = 0.35;
+// Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
+inline constexpr double kShortestBit_s = 0.010;
+inline constexpr double kLongestBit_s = 0.050;
+// A torque that moves a robot at all against its friction, and one that moves it enough to learn from.
+inline constexpr double kMovesAtAll = 1.15;
+inline constexpr double kMovesEnough = 1.5;
+// Below the torque at which a drive clips.
+inline constexpr double kBelowClipping = 0.95;
+
+// Speed limits by themselves, before anything is known of the robot but its file.
+inline double speed_limit_m_per_s(const SizingRequest& r) {
+    const double auto_limit = kSpeedPerRoom_per_s * r.distance_limit_m;
+    return std::min(r.speed_limit_m_per_s > 0 ? r.speed_limit_m_per_s : auto_limit, r.robot_speed_limit_m_per_s);
+}
+// As fast at the wheels as straight on.
+inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limit) {
+    const double auto_limit = 2 * speed_limit / r.track_m;
+    return std::min(r.yaw_rate_limit_rad_per_s > 0 ? r.yaw_rate_limit_rad_per_s : auto_limit,
+                    r.robot_yaw_rate_limit_rad_per_s);
+}
+
+// Kernels are blocks of two thirds of them; a block about one and a half bits long, without a common factor
+// with a bit's samples (see DynamicsEstimatorOptions).
+inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
+    const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
+    int block = std::max(6, static_cast<int>(std::lround(1.45 * bit)));
+    while (std::gcd(block, bit) != 1) ++block;
+    return 1.5 * block * sample_time_s;
+}
+
+inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& found) {
+    using protocol::IdentCause;
+    Sizing s;
+    const double k7 = found.k7_per_kg_m;
+    const double k8 = found.k8_per_kg_m2;
+    const double friction = found.friction_Nm;
+    s.amplitude_Nm = std::min(r.amplitude_Nm > 0 ? r.amplitude_Nm : r.torque_limit_Nm, r.torque_limit_Nm);
+    if (found.clipped) s.amplitude_Nm = std::min(s.amplitude_Nm, kBelowClipping * found.torque_limit_Nm);
+    if (!(s.amplitude_Nm > kMovesAtAll * friction)) {
+        s.obstacle = IdentCause::too_heavy;
+        return s;
+    }
+    const double braking = 2 * (s.amplitude_Nm + friction) * k7;
+    s.speed_limit_m_per_s = speed_limit_m_per_s(r);
+    if (r.speed_limit_m_per_s <= 0)
+        s.speed_limit_m_per_s =
+            std::min(s.speed_limit_m_per_s, std::sqrt(2 * braking * kBrakingShare * r.distance_limit_m));
+    s.yaw_rate_limit_rad_per_s = yaw_rate_limit_rad_per_s(r, s.speed_limit_m_per_s);
+
+    const auto bit_at = [&](double amplitude) {
+        return kBitShare * std::min(s.speed_limit_m_per_s / k7, s.yaw_rate_limit_rad_per_s / k8) / (2 * amplitude);
+    };
+    double bit = bit_at(s.amplitude_Nm);
+    if (bit < kShortestBit_s && r.amplitude_Nm <= 0) {
+        const double gentle = s.amplitude_Nm * bit / kShortestBit_s;
+        if (gentle < kMovesEnough * friction) {
+            s.obstacle = IdentCause::no_room;
+            return s;
+        }
+        s.amplitude_Nm = gentle;
+        bit = kShortestBit_s;
+    }
+    bit = std::clamp(bit, kShortestBit_s, kLongestBit_s);
+    s.bit_time_s = r.bit_time_s > 0 ? r.bit_time_s : r.sample_time_s * std::round(bit / r.sample_time_s);
+    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s);
+
+    // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of it,
+    // or to a length that no ruler tells.
+    constexpr double kCouplingShare = 0.00035;
+    constexpr double kCouplingLength = 1.0 / 1600;  // of the track
+    const double omega = s.yaw_rate_limit_rad_per_s;
+    s.coupling_standard_error_m =
+        r.coupling_standard_error_m > 0
+            ? r.coupling_standard_error_m
+            : std::max(kCouplingLength * r.track_m, kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
+
+    // Three standard deviations of a speed taken over four samples.
+    constexpr double kStanding = 3 * 1.4142135623730951 / 4;
+    s.standing_speed_rad_per_s = kStanding * found.angle_noise_rad / r.sample_time_s;
+    // A wheel that turns round passes through it in this time.
+    const double slowest = std::min(2 * k7, k8 * r.track_m) * (s.amplitude_Nm - friction) / r.radius_m;
+    constexpr int kFewestStanding = 5;
+    s.standing_samples = std::max(
+        kFewestStanding, static_cast<int>(2 * s.standing_speed_rad_per_s / slowest / r.sample_time_s));
+    return s;
+}
+
+}  // namespace wheelwright::ident
