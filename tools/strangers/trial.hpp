@@ -1,0 +1,51 @@
+// One drawn robot, driven through what its owner would do with it, by CAN frames alone, and judged by the
+// simulated robot's truth.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+
+#include "tools/sim/experiments.hpp"
+#include "tools/strangers/draw.hpp"
+
+namespace wheelwright::tools {
+
+// K5..K8 in this order.
+using FourValues = std::array<double, 4>;
+
+struct RobotResult {
+    DrawnRobot robot;
+    std::string problem;  // why it could not be driven at all; else empty
+
+    // ---- identification
+    std::string end;          // end_of(), when the mode was left
+    bool identified = false;  // the firmware says so
+    double duration_s = 0;
+    double farthest_m = 0;
+    double fastest_m_per_s = 0;  // true speed of the quicker wheel's rim
+    double delay_s = 0;          // as identified
+    FourValues truth{}, estimate{}, standard_error{};
+
+    double error(std::size_t k) const { return estimate[k] / truth[k] - 1; }
+    double z(std::size_t k) const { return (estimate[k] - truth[k]) / standard_error[k]; }
+    // The larger of K7's and K8's.
+    double worst_error() const;
+};
+
+// How the identification of this simulation ended: "identified", the limit that stopped it, the fault, or
+// why it never began.
+std::string end_of(const Simulation& sim);
+
+// K5..K8 as the firmware can at best find them: with its geometry, and with the mean of both drives' gains
+// where they are unlike (a weak wheel), as forward torque and turning torque each use both.
+model::Dynamics<double> seen_truth(const DrawnRobot& robot);
+
+struct TrialOptions {
+    std::string log_path;  // "": no log
+};
+
+// Throws nothing but std::bad_alloc: what goes wrong is the result's problem.
+RobotResult run_trial(const DrawnRobot& robot, const TrialOptions& options);
+
+}  // namespace wheelwright::tools
