@@ -80,6 +80,11 @@ FigureEight figure_eight(double track_m, double speed_m_per_s, double yaw_rate_r
     return path;
 }
 
+// The text with this comment in place of its own first one.
+std::string headed(const std::string& comment, std::string_view text) {
+    return comment + std::string(text.substr(text.find("\n[robot]")));
+}
+
 task::RobotFile read(const std::string& text, const std::string& name) {
     task::RobotFileResult result = task::parse_robot_file(text, name);
     if (result.robot) return std::move(*result.robot);
@@ -133,7 +138,7 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     const double coulomb_share = robot.friction_share * draw.uniform(0.5, 0.95);
     const double torque_Nm =
         rounded(std::max(peak_m_per_s2 * radius_m * effective_kg / 2 / (1 - coulomb_share), 0.012), 3);
-    double coulomb_Nm = coulomb_share * torque_Nm;
+    const double coulomb_Nm = coulomb_share * torque_Nm;
     const double viscous_Nm_s_per_rad =
         (robot.friction_share - coulomb_share) * torque_Nm / (speed_m_per_s / radius_m);
     const std::array<double, 2> unlike{draw.uniform(0.85, 1.15), draw.uniform(0.85, 1.15)};
@@ -168,6 +173,12 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     const double track_error = draw.uniform(-0.005, 0.005);
     robot.fault_side = draw.share(0.5) ? 1 : 0;
     const double how_bad = draw.uniform(0, 1);
+
+    // ---- payload: a box anywhere on the robot
+    robot.payload.mass_kg = mass_kg * draw.uniform(0.2, 0.3);
+    robot.payload.ahead_m = track_m * draw.uniform(-1, 1) / 3;
+    robot.payload.left_m = track_m * draw.uniform(-1, 1) / 3;
+    robot.payload.inertia_kg_m2 = robot.payload.mass_kg * std::pow(track_m * draw.uniform(0.2, 0.5), 2) / 6;
 
     // ---- what the builder writes
     const std::int64_t torque_period_ms = robot.torque_feedback ? 10 : 0;
@@ -213,14 +224,16 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         believed.push_back({drive + "gear_ratio", gear});
         believed.push_back({drive + "torque_constant_Nm_per_A", constant_Nm_per_A});
     }
-    robot.robot_toml = with_values(template_without_ident(), believed);
+    const std::string who =
+        "robot " + std::to_string(number) + " of `wheelwright robots --seed " + std::to_string(seed) + "`";
+    robot.robot_toml = headed("# What a builder could write about " + who + ", made from template.toml.\n",
+                              with_values(template_without_ident(), believed));
     robot.believed = read(robot.robot_toml, name + "/robot.toml");
 
     // ---- the truth
     if (fault != RobotFault::none) robot.clips = robot.weak_wheel = false;  // one thing at a time
     if (fault == RobotFault::clipping) robot.torque_share = 0.3 + 0.2 * how_bad;
     if (robot.clips) robot.torque_share = clips_at;
-    if (fault == RobotFault::too_heavy) coulomb_Nm = torque_Nm * (1.2 + 0.8 * how_bad);
     if (fault == RobotFault::wrong_sign) sign[robot.fault_side] *= -1;
     if (fault == RobotFault::swapped_wheels) {  // whoever looked that both turn forward has turned the signs
         std::swap(node[0], node[1]);            // with the nodes
@@ -244,6 +257,13 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         {"simulation.current_limit_A", unclipped * torque_Nm / gear / constant_Nm_per_A},
         {"simulation.external_pose_rate_Hz", robot.external_pose ? 20.0 : 0.0},
     };
+    if (fault == RobotFault::wheel_in_air) {  // the other tyre has to be one
+        truth.push_back({"effects.wheel_slip.friction_coefficient", 1.0});
+        truth.push_back({"effects.wheel_slip.slip_speed_m_per_s", 0.02});
+    }
+    const std::size_t coulomb = model::find_effect("coulomb_friction");
+    const double most_dry_Nm = model::kEffects[coulomb].parameters[0].maximum;  // in a file
+    std::array<double, 2> dry_friction_Nm{};
     for (std::size_t side = 0; side < 2; ++side) {
         const std::string which(kSides[side]);
         const std::string drive = "drive." + which + ".";
@@ -254,12 +274,22 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         truth.push_back({drive + "gear_ratio", gear});
         truth.push_back({drive + "torque_constant_Nm_per_A", constant_Nm_per_A * constant_error[side]});
         truth.push_back({drive + "torque_scale", robot.weak_wheel && side == weak_side ? weak_scale : 1.0});
-        truth.push_back({"effects.coulomb_friction." + which + "_Nm", coulomb_Nm * unlike[side]});
+        double dry_Nm = coulomb_Nm * unlike[side];
+        if (fault == RobotFault::too_heavy) dry_Nm = torque_Nm * (1.2 + 0.8 * how_bad);
+        // so much that no motor turns it: the tyre would slide, and that is another fault
+        if (fault == RobotFault::wheel_blocked && side == robot.fault_side) dry_Nm = 1000 * torque_Nm;
+        dry_friction_Nm[side] = dry_Nm;
+        truth.push_back({"effects.coulomb_friction." + which + "_Nm", std::min(dry_Nm, most_dry_Nm)});
         truth.push_back(
             {"effects.viscous_friction." + which + "_Nm_s_per_rad", viscous_Nm_s_per_rad * unlike[side]});
     }
-    robot.plant_toml = with_values(files::simulated_toml, truth);
+    robot.plant_toml = headed("# The truth about " + who + ". Again, without the program that drew it:\n" +
+                                  "#   wheelwright sim --robot robot.toml --plant plant.toml --seed " +
+                                  std::to_string(robot.simulation_seed) + " ident figure-eight\n",
+                              with_values(files::simulated_toml, truth));
     robot.truth = read(robot.plant_toml, name + "/plant.toml");
+    for (std::size_t side = 0; side < 2; ++side)
+        robot.truth.parameters.effects.parameter[coulomb][side] = dry_friction_Nm[side];
     return robot;
 }
 

@@ -9,6 +9,7 @@
 #include <string_view>
 
 #include "firmware/task/robot_file.hpp"
+#include "sim_hal/plant.hpp"
 
 namespace wheelwright::tools {
 
@@ -39,6 +40,7 @@ struct DrawnRobot {
     double friction_share = 0;           // of the torque limit, at the speed limit
     double delay_s = 0;                  // command latency and torque lag
     double torque_share = 1;             // of the limit that the drives can give
+    sim::Payload payload;                // put on while it adapts, and taken off
     bool clips = false, weak_wheel = false, torque_feedback = true, external_pose = true;
 };
 
