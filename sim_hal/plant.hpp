@@ -43,6 +43,9 @@ struct PlantParameters {
     double span_s = 60;                 // over which a linear gain drift takes its whole loss
     double start_s = 0;                 // since the beginning of the run, for effects that know the time
     WheelPair<double> start_angle_rad;  // of the wheels
+    // A fault on purpose: this wheel has no floor below it. It turns against its own inertia and friction,
+    // and the other one alone pushes the robot. Only with the effect wheel_slip: a tyre without load.
+    WheelPair<bool> lifted{};
 };
 
 // K7 and K8 must be positive. K5 and K6 are taken as they are, coupled or not.

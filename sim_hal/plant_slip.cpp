@@ -74,6 +74,9 @@ double Plant::step_slipping(double rest_s, const WheelPair<double>& torque_Nm) {
     const auto& slip = *parameters_of<model::WheelSlip>(actual_.effects);
     const double most_N = slip[0] * slip_load_N_;
     const double give = slip[1] / most_N;  // slip per force
+    const auto most_of = [&](std::size_t side) {
+        return (side == 0 ? parameters_.lifted.left : parameters_.lifted.right) ? 0 : most_N;
+    };
     const auto push_body = [&](const BodyForce& direction, double impulse) {
         const Twist<double> moves = body_response(direction);
         u.v_m_per_s += impulse * moves.v_m_per_s;
@@ -108,7 +111,7 @@ double Plant::step_slipping(double rest_s, const WheelPair<double>& torque_Nm) {
     // from the last solution
     for (std::size_t side = 0; side < 2; ++side) {
         Contact& c = contact_[side];
-        const double last = std::clamp(c.force_N, -most_N, most_N);
+        const double last = std::clamp(c.force_N, -most_of(side), most_of(side));
         c.force_N = 0;
         tyre(c, side == 0 ? w.left : w.right, last);
     }
@@ -125,7 +128,7 @@ double Plant::step_slipping(double rest_s, const WheelPair<double>& torque_Nm) {
             const double ground = u.v_m_per_s + c.on_body.yaw_torque_Nm * u.omega_rad_per_s;
             const double lacks = c.radius_m * wheel - ground - give * c.force_N;
             const double force =
-                std::clamp(c.force_N + lacks / (dt_s * c.compliance + give), -most_N, most_N);
+                std::clamp(c.force_N + lacks / (dt_s * c.compliance + give), -most_of(side), most_of(side));
             largest = std::max(largest, std::abs(force - c.force_N) / most_N);
             tyre(c, wheel, force - c.force_N);
         }

@@ -40,6 +40,7 @@ void add_ident(const CommandLine& program, Run& run);
 void add_monitor(const CommandLine& program, Run& run);
 void add_record(const CommandLine& program, Run& run);
 void add_paper(const CommandLine& program, Run& run);
+void add_robots(const CommandLine& program, Run& run);
 void add_sim(const CommandLine& program, Run& run);
 
 }  // namespace wheelwright::tools

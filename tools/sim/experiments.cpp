@@ -29,6 +29,12 @@ double distance(const Pose<double>& a, const Pose<double>& b) {
     return std::hypot(a.x_m - b.x_m, a.y_m - b.y_m);
 }
 
+double fastest_rim_m_per_s(Simulation& sim) {
+    const WheelPair<double>& wheel = sim.world().plant().wheel_speed_rad_per_s();
+    const WheelPair<double>& radius = sim.world().plant().actual().geometry.wheel_radius_m;
+    return std::max(std::abs(wheel.left * radius.left), std::abs(wheel.right * radius.right));
+}
+
 }  // namespace
 
 task::RobotFile load_robot(const std::string& path) {
@@ -70,6 +76,7 @@ IdentificationResult identify(Simulation& sim, const Progress& progress) {
     sim.run_until([&] { return sim.cycle().supervisor().mode() != protocol::Mode::ident; }, longest_s,
                   [&] {
                       result.farthest_m = std::max(result.farthest_m, distance(sim.world().pose(), start));
+                      result.fastest_m_per_s = std::max(result.fastest_m_per_s, fastest_rim_m_per_s(sim));
                       if (cycle++ % 100 != 0) return;
                       const auto& estimate = sim.cycle().learning().estimate();
                       result.time_s.push_back(sim.time_s() - begin_s);

@@ -27,7 +27,8 @@ model::Dynamics<double> as_seen_with(const model::Dynamics<double>& truth,
 struct IdentificationResult {
     bool succeeded = false;
     double duration_s = 0;
-    double farthest_m = 0;  // from the start, by the truth
+    double farthest_m = 0;       // from the start, by the truth
+    double fastest_m_per_s = 0;  // of a wheel's rim, by the truth
     double delay_s = 0;
     ident::DynamicsEstimate<double> estimate;
     // For plots, ten a second: estimates and standard errors over time.

@@ -1,0 +1,212 @@
+#include "tools/strangers/trial.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <stdexcept>
+
+#include "firmware/protocol/wheelwright_messages.hpp"
+
+namespace wheelwright::tools {
+namespace {
+
+constexpr double kStepShare = 0.3;         // of the speed gained in the settling time at full torque
+constexpr double kStepShareOfLimit = 0.5;  // and of the speed limit at most
+constexpr double kAdaptation_s = 5;        // after a load comes or goes, at least; and half a lap
+
+FourValues four(const model::Dynamics<double>& k) {
+    return {k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2};
+}
+
+// Faults that no file can say.
+void apply_fault(Simulation& sim, const DrawnRobot& robot) {
+    if (robot.fault == RobotFault::encoder_against_torque)
+        sim.world().drive(robot.fault_side).faults().encoder_reversed = true;
+    if (robot.fault != RobotFault::wheel_in_air) return;
+    sim::PlantParameters p = sim.world().plant().parameters();
+    (robot.fault_side == 0 ? p.lifted.left : p.lifted.right) = true;
+    p.wheel_inertia_kg_m2 = robot.truth.mass->wheel_inertia_kg_m2;
+    sim.world().plant().set_parameters(p);
+}
+
+void identify_robot(Simulation& sim, RobotResult& result) {
+    const IdentificationResult found = identify(sim);
+    result.end = end_of(sim);
+    result.identified = found.succeeded;
+    result.duration_s = found.duration_s;
+    result.farthest_m = found.farthest_m;
+    result.fastest_m_per_s = found.fastest_m_per_s;
+    result.delay_s = found.delay_s;
+    result.truth = four(seen_truth(result.robot, sim.world().plant().actual()));
+    result.estimate = four(found.estimate.dynamics);
+    result.standard_error = four(found.estimate.standard_error);
+}
+
+// What both drives can do beyond dry friction, as accelerations.
+TwistRate<double> peak_acceleration(const DrawnRobot& robot) {
+    const model::RobotParameters& truth = robot.truth.parameters;
+    const auto& dry = truth.effects.parameter[model::find_effect("coulomb_friction")];
+    const double gain = std::min(truth.drive.left.torque_scale, truth.drive.right.torque_scale);
+    const double wheel_Nm =
+        gain * robot.torque_share * robot.believed.parameters.limits.torque_Nm - std::max(dry[0], dry[1]);
+    return {2 * wheel_Nm * truth.dynamics.k7_per_kg_m, 2 * wheel_Nm * truth.dynamics.k8_per_kg_m2};
+}
+
+StepJudged judged_step(Simulation& sim, double v_m_per_s, double omega_rad_per_s, double hold_s) {
+    const StepResponse response = velocity_step(sim, {v_m_per_s, omega_rad_per_s}, hold_s);
+    return {v_m_per_s + omega_rad_per_s, response.settling_s, response.overshoot};
+}
+
+void drive_steps(Simulation& sim, const DrawnRobot& robot, Driving& driving) {
+    const double time_s = driving.settling_aim_s;
+    const TwistRate<double> peak = peak_acceleration(robot);
+    const auto& limits = sim.parameters().limits;
+    const auto size = [&](double acceleration, double limit) {
+        return std::min(kStepShare * acceleration * time_s, kStepShareOfLimit * limit);
+    };
+    driving.forward = judged_step(sim, size(peak.v_m_per_s2, limits.speed_m_per_s), 0, 10 * time_s);
+    driving.turning =
+        judged_step(sim, 0, size(peak.omega_rad_per_s2, limits.yaw_rate_rad_per_s), 10 * time_s);
+}
+
+TrackingOptions figure_eight(Simulation& sim, protocol::Mode mode, const DrawnRobot& robot) {
+    TrackingOptions options;
+    options.mode = mode;
+    options.path = control::standard_figure_eight<double>(sim.parameters());
+    options.external_poses = robot.external_pose;
+    // beside the path's start, across the way it leads
+    sim.world().plant().place({-options.path.length_m / 20, options.path.length_m / 20, 0}, {});
+    sim.run_for(0.2);
+    return options;
+}
+
+void drive_figure_eight(Simulation& sim, const DrawnRobot& robot, Driving& driving) {
+    TrackingOptions options = figure_eight(sim, protocol::Mode::trajectory, robot);
+    options.judge_from_s = options.path.period_s;
+    options.duration_s = 3 * options.path.period_s;
+    const TrackingResult result = track(sim, options);
+    driving.tracked = result.entered;
+    driving.true_rms_share = result.rms_m / options.path.length_m;
+    double sum = 0;
+    std::size_t judged = 0;
+    for (const PathSample& sample : result.samples) {
+        if (sample.time_s < options.judge_from_s) continue;
+        // Wheels alone cannot tell where the robot is, only where they believe it to be.
+        const Pose<double>& is = robot.external_pose ? sample.truth : sample.believed;
+        const double distance = std::hypot(is.x_m - sample.reference.x_m, is.y_m - sample.reference.y_m);
+        sum += distance * distance;
+        ++judged;
+        driving.peak_share = std::max(driving.peak_share, distance / options.path.length_m);
+    }
+    if (judged > 0) driving.rms_share = std::sqrt(sum / static_cast<double>(judged)) / options.path.length_m;
+}
+
+void drive_with_payload(Simulation& sim, const DrawnRobot& robot, Driving& driving) {
+    TrackingOptions options = figure_eight(sim, protocol::Mode::adaptive, robot);
+    const double wait_s = std::max(kAdaptation_s, options.path.period_s / 2);
+    const double load_s = 1.5 * options.path.period_s;
+    options.duration_s = load_s + 2 * wait_s + 0.1;
+    const auto errors = [&](Simulation& now) {
+        const FourValues truth = four(seen_truth(robot, now.world().plant().actual()));
+        FourValues error = four(now.cycle().learning().estimate().dynamics);
+        for (std::size_t k = 0; k < 4; ++k) error[k] = error[k] / truth[k] - 1;
+        return error;
+    };
+    int stage = 0;
+    options.event = [&](Simulation& now, double time_s) {
+        if (time_s < load_s + stage * wait_s || now.cycle().supervisor().mode() != protocol::Mode::adaptive)
+            return;
+        sim::Payload load = robot.payload;
+        if (stage == 0) now.world().plant().add_payload(load);
+        if (stage == 1) {
+            driving.loaded = errors(now);
+            load.mass_kg *= -1;  // taken off
+            load.inertia_kg_m2 *= -1;
+            now.world().plant().add_payload(load);
+        }
+        if (stage == 2) {
+            driving.unloaded = errors(now);
+            driving.adapted = true;
+        }
+        if (stage < 3) ++stage;
+    };
+    track(sim, options);
+}
+
+Driving drive_robot(Simulation& sim, const DrawnRobot& robot) {
+    Driving driving;
+    driving.settling_aim_s = sim.parameters().velocity_loop.settling_time_s;
+    sim.host().velocity({});
+    if (!enter_mode(sim, protocol::Mode::velocity)) {
+        driving.blocker = to_string_view(sim.cycle().supervisor().blocker());
+        return driving;
+    }
+    drive_steps(sim, robot, driving);
+    drive_figure_eight(sim, robot, driving);
+    drive_with_payload(sim, robot, driving);
+    return driving;
+}
+
+}  // namespace
+
+double RobotResult::worst_error() const { return std::max(std::abs(error(2)), std::abs(error(3))); }
+
+double Driving::adaptation_error() const {
+    return std::max({std::abs(loaded[2]), std::abs(loaded[3]), std::abs(unloaded[2]), std::abs(unloaded[3])});
+}
+
+std::string end_of(const Simulation& sim) {
+    const supervisor::Supervisor& supervisor = sim.cycle().supervisor();
+    if (supervisor.mode() == protocol::Mode::fault)
+        return "fault_" + std::string(to_string_view(supervisor.fault()));
+    const ident::IdentificationRun<double>& run = sim.cycle().learning().run();
+    if (run.elapsed_s() == 0) return "refused_" + std::string(to_string_view(supervisor.blocker()));
+    if (run.state() == ident::IdentState::done) return "identified";
+    switch (run.limit()) {
+        case ident::IdentLimit::none:
+            return "not_finished";
+        case ident::IdentLimit::time:
+            return "time";
+        case ident::IdentLimit::distance:
+            return "distance";
+        case ident::IdentLimit::speed:
+            return "speed";
+        case ident::IdentLimit::delay:
+            return "delay";
+    }
+    return "unknown";
+}
+
+model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant) {
+    const model::RobotParameters& truth = robot.truth.parameters;
+    model::Dynamics<double> k = sim::plant_dynamics(plant);
+    const double alone =
+        1 - plant.mass_coupling_kg_m * plant.mass_coupling_kg_m / (plant.mass_kg * plant.inertia_kg_m2);
+    const double gain = (truth.drive.left.torque_scale + truth.drive.right.torque_scale) / 2;
+    k.k7_per_kg_m *= gain / alone;
+    k.k8_per_kg_m2 *= gain / alone;
+    return as_seen_with(k, truth.geometry, robot.believed.parameters.geometry);
+}
+
+RobotResult run_trial(const DrawnRobot& robot, const TrialOptions& options) {
+    RobotResult result;
+    result.robot = robot;
+    try {
+        SimulationOptions settings;
+        settings.seed = robot.simulation_seed;
+        settings.world = world_options(robot.truth.simulation, settings.seed);
+        settings.log_path = options.log_path;
+        Simulation sim(robot.believed.parameters, robot.truth.parameters, settings);
+        if (sim.log_failed()) throw std::runtime_error("cannot write " + options.log_path);
+        apply_fault(sim, robot);
+        sim.run_for(0.5);
+        identify_robot(sim, result);
+        if (result.identified && options.drive) result.driving = drive_robot(sim, robot);
+        if (sim.log_failed()) throw std::runtime_error(options.log_path + " could not be written whole");
+    } catch (const std::exception& error) {
+        result.problem = error.what();
+    }
+    return result;
+}
+
+}  // namespace wheelwright::tools

@@ -1,0 +1,76 @@
+// One drawn robot, driven through what its owner would do with it, by CAN frames alone, and judged by the
+// simulated robot's truth.
+#pragma once
+
+#include <array>
+#include <optional>
+#include <string>
+
+#include "tools/sim/experiments.hpp"
+#include "tools/strangers/draw.hpp"
+
+namespace wheelwright::tools {
+
+// K5..K8 in this order.
+using FourValues = std::array<double, 4>;
+
+// A step of the set-point from rest, as large as the robot's torque can do.
+struct StepJudged {
+    double step = 0;  // m/s or rad/s
+    double settling_s = 0;
+    double overshoot = 0;  // share of the step
+};
+
+// What is done with a robot that was identified.
+struct Driving {
+    std::string blocker;        // why it may not be driven; else empty
+    double settling_aim_s = 0;  // what the velocity loops are designed for
+    StepJudged forward, turning;
+    bool tracked = false;  // the figure-8 was driven
+    double rms_share = 0;  // RMS distance from the reference, over the figure's length
+    double peak_share = 0;
+    double true_rms_share = 0;        // where the robot really is; without an external pose odometry drifts
+    bool adapted = false;             // the adaptive mode was driven to the end
+    FourValues loaded{}, unloaded{};  // errors of K5..K8 some seconds after; K7 and K8 are judged
+    double adaptation_error() const;  // the largest of K7's and K8's, loaded and unloaded
+};
+
+struct RobotResult {
+    DrawnRobot robot;
+    std::string problem;  // why it could not be simulated at all; else empty
+
+    // ---- identification
+    std::string end;          // end_of(), when the mode was left
+    bool identified = false;  // the firmware says so
+    double duration_s = 0;
+    double farthest_m = 0;
+    double fastest_m_per_s = 0;  // true speed of the quicker wheel's rim
+    double delay_s = 0;          // as identified
+    FourValues truth{}, estimate{}, standard_error{};
+
+    std::optional<Driving> driving;  // of a robot that was identified
+
+    double error(std::size_t k) const { return estimate[k] / truth[k] - 1; }
+    double z(std::size_t k) const { return (estimate[k] - truth[k]) / standard_error[k]; }
+    // The larger of K7's and K8's.
+    double worst_error() const;
+};
+
+// How the identification of this simulation ended: "identified", the limit that stopped it, the fault, or
+// why it never began.
+std::string end_of(const Simulation& sim);
+
+// K5..K8 as the firmware can at best find them: with its geometry, and with the mean of both drives' gains
+// where they are unlike (a weak wheel), as forward torque and turning torque each use both. A load beside the
+// middle couples the two; then K7 and K8 are what each torque does in its own direction.
+model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant);
+
+struct TrialOptions {
+    std::string log_path;  // "": no log
+    bool drive = true;     // what is identified
+};
+
+// Throws nothing but std::bad_alloc: what goes wrong is the result's problem.
+RobotResult run_trial(const DrawnRobot& robot, const TrialOptions& options);
+
+}  // namespace wheelwright::tools
