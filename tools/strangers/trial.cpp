@@ -161,20 +161,8 @@ std::string end_of(const Simulation& sim) {
         return "fault_" + std::string(to_string_view(supervisor.fault()));
     const ident::IdentificationRun<double>& run = sim.cycle().learning().run();
     if (run.elapsed_s() == 0) return "refused_" + std::string(to_string_view(supervisor.blocker()));
-    if (run.state() == ident::IdentState::done) return "identified";
-    switch (run.limit()) {
-        case ident::IdentLimit::none:
-            return "not_finished";
-        case ident::IdentLimit::time:
-            return "time";
-        case ident::IdentLimit::distance:
-            return "distance";
-        case ident::IdentLimit::speed:
-            return "speed";
-        case ident::IdentLimit::delay:
-            return "delay";
-    }
-    return "unknown";
+    if (!run.finished()) return "not_finished";
+    return std::string(to_string_view(run.cause()));
 }
 
 model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant) {
