@@ -54,14 +54,14 @@ std::string template_without_ident() {
     return text.erase(begin, text.find("\n[", begin + 1) - begin);
 }
 
-// The figure-8 as long as eight tracks, as quick as half the speed limits and a tenth of the acceleration
+// The figure-8 is six tracks long, and as quick as 60 % of the speed limits and a quarter of the acceleration
 // allow. Its own formulas: the firmware's generator is not asked.
 struct FigureEight {
     double length_m, width_m, period_s;
 };
 FigureEight figure_eight(double track_m, double speed_m_per_s, double yaw_rate_rad_per_s,
                          double acceleration_m_per_s2) {
-    FigureEight path{std::max(0.8, rounded(8 * track_m, 2)), 0, 1};
+    FigureEight path{std::max(0.8, rounded(6 * track_m, 2)), 0, 1};
     path.width_m = path.length_m / 2;
     for (int i = 0; i < 400; ++i) {
         const double s = kTwoPi * i / 400;  // with the period T: phase rate w = 2 pi / T
@@ -72,9 +72,9 @@ FigureEight figure_eight(double track_m, double speed_m_per_s, double yaw_rate_r
         const double speed = std::hypot(x1, y1);  // per w
         const double turn = (x1 * y2 - y1 * x2) / (speed * speed);
         const double along = std::abs(x1 * x2 + y1 * y2) / speed;  // per w^2
-        path.period_s = std::max({path.period_s, kTwoPi * speed / (0.5 * speed_m_per_s),
-                                  kTwoPi * std::abs(turn) / (0.5 * yaw_rate_rad_per_s),
-                                  kTwoPi * std::sqrt(along / (0.1 * acceleration_m_per_s2))});
+        path.period_s = std::max({path.period_s, kTwoPi * speed / (0.6 * speed_m_per_s),
+                                  kTwoPi * std::abs(turn) / (0.6 * yaw_rate_rad_per_s),
+                                  kTwoPi * std::sqrt(along / (0.25 * acceleration_m_per_s2))});
     }
     path.period_s = rounded(path.period_s, 3);
     return path;
@@ -166,6 +166,8 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     std::array<std::int64_t, 2> node{left_node,
                                      left_node + 1 + static_cast<std::int64_t>(draw.uniform(0, 20))};
     robot.external_pose = draw.share(0.5);
+    // Without a look from outside a robot whose sides are exchanged is like any other.
+    if (fault == RobotFault::swapped_wheels) robot.external_pose = true;
 
     // ---- what a tape measure gets wrong
     const double radius_error = draw.uniform(-0.004, 0.004);

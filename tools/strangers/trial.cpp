@@ -12,7 +12,9 @@ namespace {
 
 constexpr double kStepShare = 0.3;         // of the speed gained in the settling time at full torque
 constexpr double kStepShareOfLimit = 0.5;  // and of the speed limit at most
-constexpr double kAdaptation_s = 5;        // after a load comes or goes, at least; and half a lap
+constexpr double kSettledWithin = 0.01;
+constexpr double kRippleInBand = 4;
+constexpr double kAdaptation_s = 5;  // after a load comes or goes, at least; and half a lap
 
 FourValues four(const model::Dynamics<double>& k) {
     return {k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2};
@@ -54,7 +56,21 @@ TwistRate<double> peak_acceleration(const DrawnRobot& robot) {
 
 StepJudged judged_step(Simulation& sim, double v_m_per_s, double omega_rad_per_s, double hold_s) {
     const StepResponse response = velocity_step(sim, {v_m_per_s, omega_rad_per_s}, hold_s);
-    return {v_m_per_s + omega_rad_per_s, response.settling_s, response.overshoot};
+    const std::vector<double>& y = v_m_per_s != 0 ? response.v_m_per_s : response.omega_rad_per_s;
+    StepJudged judged;
+    judged.step = v_m_per_s + omega_rad_per_s;
+    double squares = 0;
+    for (std::size_t i = y.size() / 2; i < y.size(); ++i) squares += std::pow(y[i] / judged.step - 1, 2);
+    judged.ripple =
+        std::sqrt(squares / static_cast<double>(std::max<std::size_t>(1, y.size() - y.size() / 2)));
+    // The encoder's noise that the loop hands on is no part of settling: it is judged by itself.
+    const double band = kSettledWithin + kRippleInBand * judged.ripple;
+    for (std::size_t i = 0; i < y.size(); ++i) {
+        const double error = y[i] / judged.step - 1;
+        if (std::abs(error) > band) judged.settling_s = response.time_s[i];
+        judged.overshoot = std::max(judged.overshoot, error - kRippleInBand * judged.ripple);
+    }
+    return judged;
 }
 
 void drive_steps(Simulation& sim, const DrawnRobot& robot, Driving& driving) {

@@ -19,6 +19,7 @@ struct StepJudged {
     double step = 0;  // m/s or rad/s
     double settling_s = 0;
     double overshoot = 0;  // share of the step
+    double ripple = 0;     // standard deviation when it has long settled, share of the step
 };
 
 // What is done with a robot that was identified.
