@@ -49,6 +49,11 @@ struct DynamicsEstimatorOptions {
     RegressionFilterOptions<Real> filter;
     Real relative_standard_error = Real(0.005);  // of K7 and K8, for estimate().good_enough
     Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
+    // Dry friction over the excitation's torque. While the sign of sliding is not known for sure, before a wheel
+    // turns round and after it, the friction column is wrong both ways; after it for longer, by this share, as
+    // friction then works against the torque. What K7 and K8 are off by is this share squared, times the share
+    // of the time; it is part of their standard errors.
+    Real dry_share = 0;
     Real prior_variance = Real(1e6);             // P(-1) = c I
     Real excitation_memory_s = 2;
 };
@@ -325,8 +330,11 @@ class DynamicsEstimator {
                                 linear.monitor.excitation(kTorque, p.k7_per_kg_m),
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
-        estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
-                                    linear.torque_error, turning.torque_error};
+        const Real systematic = options_.dry_share * options_.dry_share * filter_.slow_share();
+        estimate_.standard_error = {
+            linear.velocity_product_error, turning.velocity_product_error,
+            std::hypot(linear.torque_error, systematic * estimate_.dynamics.k7_per_kg_m),
+            std::hypot(turning.torque_error, systematic * estimate_.dynamics.k8_per_kg_m2)};
         publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;

@@ -10,7 +10,7 @@
 //
 // All sums start anew in each block: ten hours of running drift no more than ten milliseconds.
 //
-// Everything is evaluated at one instant a few samples in the past (kLatency): there the wheel speed is a
+// Everything is evaluated at one instant a few samples in the past (half the speed's span, and two): there the wheel speed is a
 // central difference, the torque is the piecewise constant one that the drives applied after `delay_s`
 // (fractions too), averaged over the sample, and the sign of a sliding speed is averaged with its zero
 // crossing interpolated.
@@ -62,8 +62,11 @@ struct RegressionFilterOptions {
     double delay_s{};                           // from a cycle's start to the centroid of its torque
     double sample_age_s{};                      // the part of it that the samples are known to be old
     double tap_spacing_s{};                     // between torque columns, if there are several
-    Real standing_speed_rad_per_s = Real(0.2);  // a wheel slower than this may be held by dry friction
-    int standing_samples = 5;                   // for longer than this: the row is not usable
+    int speed_span = 2;  // samples over which a speed is taken: even, 2 to 24. More where encoders are coarse
+    // A wheel slower than this for more than so many samples may be held by dry friction: the row is not
+    // usable.
+    Real standing_speed_rad_per_s = Real(0.2);
+    int standing_samples = 5;
 };
 
 // The torque columns are kTaps wide, evenly spaced about `delay_s`: one for a known actuator, three where the
@@ -73,7 +76,6 @@ template <typename Real, int kTaps = 1>
 class RegressionFilter {
   public:
     static constexpr int kMinimumBlock = 6;  // samples: the estimators spread a row over five cycles
-    static constexpr int kLatency = 3;       // samples
 
     void configure(const RegressionFilterOptions<Real>& options) {
         options_ = options;
@@ -82,7 +84,10 @@ class RegressionFilter {
         inverse_block_ = Real(1) / static_cast<Real>(block_);
         const double m = block_;
         row_scale_ = static_cast<Real>(1 / (m * (m * dt) * (m * dt)));
-        speed_scale_ = static_cast<Real>(1 / (kSpeedSpan * dt));
+        span_ = static_cast<unsigned>(options.speed_span);
+        latency_ = static_cast<int>(span_ / 2) + 2;
+        history_ = static_cast<unsigned>(latency_) + static_cast<unsigned>(kMaximumDelay) + 2;
+        speed_scale_ = static_cast<Real>(1 / (span_ * dt));
         weight_scale_ = Real(1) / static_cast<Real>(2 * block_ * block_);
         geometry_ = {{static_cast<Real>(options.geometry.wheel_radius_m.left),
                       static_cast<Real>(options.geometry.wheel_radius_m.right)},
@@ -98,6 +103,7 @@ class RegressionFilter {
             have_known_ = have_known_ || known_.active[i];
         }
         set_delay(options.delay_s, options.tap_spacing_s);
+        wheel_samples_ = slow_samples_ = 0;
         restart();
     }
 
@@ -134,31 +140,35 @@ class RegressionFilter {
         const unsigned now = now_++;  // may wrap: the rings' sizes are powers of two
         angle_[now % kAngles] = sample.angle_rad;
         torque_[now % kTorques] = sample.last_torque_Nm;
-        if (warm_up_ < kTorques) ++warm_up_;
-        if (warm_up_ <= kSpeedSpan + 1) return false;
+        if (warm_up_ < history_) ++warm_up_;
+        if (warm_up_ <= span_ + 1) return false;
 
         // speed two samples ago; everything else three samples ago, between the speeds before and after
         const WheelPair<double>& newest = angle_[(now - 1) % kAngles];
-        const WheelPair<double>& oldest = angle_[(now - 1 - kSpeedSpan) % kAngles];
+        const WheelPair<double>& oldest = angle_[(now - 1 - span_) % kAngles];
         speed_[0] = speed_[1];
         speed_[1] = speed_[2];
         speed_[2] = {static_cast<Real>(newest.left - oldest.left) * speed_scale_,
                      static_cast<Real>(newest.right - oldest.right) * speed_scale_};
-        if (warm_up_ < kTorques) return false;  // history not yet filled
+        if (warm_up_ < history_) return false;  // history not yet filled
         if (!sample.usable) masked_in_block_ = true;
         return take_instant(now, sample.heading_rad);
     }
 
     const RegressionRow<Real, kTaps>& row() const { return row_; }
     int block_samples() const { return block_; }
+    // Share of the wheels' time in which they were slower than standing_speed_rad_per_s, but for so short that
+    // rows were made of it: there the sign of sliding is not known for sure.
+    Real slow_share() const {
+        return wheel_samples_ > 0 ? static_cast<Real>(slow_samples_) / static_cast<Real>(wheel_samples_) : Real(0);
+    }
     int columns() const { return columns_; }  // those of the estimated effects, in catalogue order
     const std::array<bool, model::kEffectCount>& estimated() const { return estimated_.active; }
     const RegressionFilterOptions<Real>& options() const { return options_; }
 
   private:
-    static constexpr unsigned kSpeedSpan = 2;
-    static constexpr unsigned kAngles = 8;
-    static constexpr unsigned kTorques = 32;
+    static constexpr unsigned kAngles = 32;
+    static constexpr unsigned kTorques = 64;
     static constexpr double kMinimumDelay = -2;
     static constexpr double kMaximumDelay = 27;
     static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
@@ -199,7 +209,7 @@ class RegressionFilter {
             late_[i] += late * g[i];
         }
 
-        const WheelPair<double>& angle = angle_[(now - kLatency) % kAngles];
+        const WheelPair<double>& angle = angle_[(now - static_cast<unsigned>(latency_)) % kAngles];
         if (j == 0) angle_sum_now_ = {angle, {}};
         angle_sum_now_.above.left += static_cast<Real>(angle.left - angle_sum_now_.reference.left);
         angle_sum_now_.above.right += static_cast<Real>(angle.right - angle_sum_now_.reference.right);
@@ -219,7 +229,7 @@ class RegressionFilter {
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
             const Tap& tap = tap_[k];
             // torque_[n] was told in cycle n - 1
-            const unsigned n = now - static_cast<unsigned>(kLatency - 1 + tap.whole);
+            const unsigned n = now - static_cast<unsigned>(latency_ - 1 + tap.whole);
             const WheelPair<Real>& a = torque_[n % kTorques];
             const WheelPair<Real>& b = torque_[(n - 1) % kTorques];
             const WheelPair<Real>& c = torque_[(n - 2) % kTorques];
@@ -237,7 +247,7 @@ class RegressionFilter {
     }
 
     model::Motion<Real> motion_at(unsigned now, Real heading_rad, const WheelPair<Real>& speed) const {
-        const WheelPair<double>& angle = angle_[(now - kLatency) % kAngles];
+        const WheelPair<double>& angle = angle_[(now - static_cast<unsigned>(latency_)) % kAngles];
         const Real left = geometry_.wheel_radius_m.left * speed.left;
         const Real right = geometry_.wheel_radius_m.right * speed.right;
         return {speed,
@@ -274,7 +284,9 @@ class RegressionFilter {
     }
 
     void count_standing(int& run, Real speed) {
+        ++wheel_samples_;
         if (std::abs(speed) >= options_.standing_speed_rad_per_s) {
+            if (run <= options_.standing_samples) slow_samples_ += static_cast<std::uint32_t>(run);
             run = 0;
         } else if (++run > options_.standing_samples) {
             masked_in_block_ = true;
@@ -334,6 +346,10 @@ class RegressionFilter {
     RegressionFilterOptions<Real> options_{};
     int block_ = kMinimumBlock;
     int columns_ = 0;
+    std::uint32_t wheel_samples_ = 0, slow_samples_ = 0;
+    unsigned span_ = 2;     // samples
+    int latency_ = 3;       // samples
+    unsigned history_ = 32; // samples before the first row
     Real inverse_block_{}, row_scale_{}, speed_scale_{}, weight_scale_{}, inverse_track_{};
     model::Geometry<Real> geometry_{};
     model::EffectSet<Real> estimated_, known_;

@@ -27,7 +27,9 @@ struct Sizing {
     protocol::IdentCause obstacle = protocol::IdentCause::none;  // why there can be none
     double amplitude_Nm{}, bit_time_s{}, kernel_s{}, speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{},
         coupling_standard_error_m{};
+    double dry_share{};                 // friction over amplitude
     double standing_speed_rad_per_s{};  // below it a wheel may be held by friction
+    int speed_span{};
     int standing_samples{};               // and for longer than this
 };
 
@@ -59,11 +61,13 @@ inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limi
                     r.robot_yaw_rate_limit_rad_per_s);
 }
 
-// Kernels are blocks of two thirds of them; a block about one and a half bits long, without a common factor
-// with a bit's samples (see DynamicsEstimatorOptions).
+// Kernels are blocks of two thirds of them, without a common factor with a bit's samples (see
+// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands; long ones average more
+// of the encoders' noise.
+inline constexpr double kBlockShare = 0.7;  // of a bit
 inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
     const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
-    int block = std::max(6, static_cast<int>(std::lround(1.45 * bit)));
+    int block = std::max(6, static_cast<int>(std::lround(kBlockShare * bit)));
     while (std::gcd(block, bit) != 1) ++block;
     return 1.5 * block * sample_time_s;
 }
@@ -87,6 +91,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
             std::min(s.speed_limit_m_per_s, std::sqrt(2 * braking * kBrakingShare * r.distance_limit_m));
     s.yaw_rate_limit_rad_per_s = yaw_rate_limit_rad_per_s(r, s.speed_limit_m_per_s);
 
+    s.dry_share = friction / s.amplitude_Nm;
     const auto bit_at = [&](double amplitude) {
         return kBitShare * std::min(s.speed_limit_m_per_s / k7, s.yaw_rate_limit_rad_per_s / k8) / (2 * amplitude);
     };
@@ -114,14 +119,17 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
             ? r.coupling_standard_error_m
             : std::max(kCouplingLength * r.track_m, kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
 
-    // Three standard deviations of a speed taken over four samples.
-    constexpr double kStanding = 3 * 1.4142135623730951 / 4;
-    s.standing_speed_rad_per_s = kStanding * found.angle_noise_rad / r.sample_time_s;
-    // A wheel that turns round passes through it in this time.
+    // Speeds are taken over so long a span that a wheel which turns round with the least torque, theta = a t^2 / 2,
+    // shows its sign about as long as the noise hides it. One that stays within the noise for longer stands.
+    constexpr double kTurningShare = 0.8;
+    constexpr double kSpanShare = 0.6;
+    constexpr double kNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
+    const double still_rad = kNoises * found.angle_noise_rad;
     const double slowest = std::min(2 * k7, k8 * r.track_m) * (s.amplitude_Nm - friction) / r.radius_m;
-    constexpr int kFewestStanding = 5;
-    s.standing_samples = std::max(
-        kFewestStanding, static_cast<int>(2 * s.standing_speed_rad_per_s / slowest / r.sample_time_s));
+    const double turning_samples = kTurningShare * std::sqrt(2 * still_rad / slowest) / r.sample_time_s;
+    s.speed_span = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
+    s.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
+    s.standing_speed_rad_per_s = still_rad / ((s.speed_span + 2) * r.sample_time_s);
     return s;
 }
 
