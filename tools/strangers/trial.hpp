@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <optional>
 #include <string>
 
@@ -51,8 +52,10 @@ struct RobotResult {
 
     std::optional<Driving> driving;  // of a robot that was identified
 
-    double error(std::size_t k) const { return estimate[k] / truth[k] - 1; }
-    double z(std::size_t k) const { return (estimate[k] - truth[k]) / standard_error[k]; }
+    // Relative, and in standard errors; not numbers where nothing was estimated.
+    double error(std::size_t k) const { return estimated() ? estimate[k] / truth[k] - 1 : NAN; }
+    double z(std::size_t k) const { return estimated() ? (estimate[k] - truth[k]) / standard_error[k] : NAN; }
+    bool estimated() const { return estimate[2] > 0; }
     // The larger of K7's and K8's.
     double worst_error() const;
 };
