@@ -357,8 +357,12 @@ Report robot_report(const RobotResult& r) {
     report.add("payload_left_m", "left of the middle", robot.payload.left_m, "m");
     report.add("adapted", "adaptive mode driven to the end", d.adapted);
     if (!d.adapted) return report;
-    report.add("loaded_k7_error_percent", "K7 with it, error", 100 * d.loaded[2], "%", "aim 5");
-    report.add("loaded_k8_error_percent", "K8", 100 * d.loaded[3], "%", "aim 5");
+    const auto told = [&](std::size_t k) {
+        return "aim 5; its own standard error " + number_text(100 * d.loaded_sigma[k], 2) + " %";
+    };
+    report.add("loaded_frozen", "K7 or K8 held with it, as not excited", d.loaded_frozen);
+    report.add("loaded_k7_error_percent", "K7 with it, error", 100 * d.loaded[2], "%", told(2));
+    report.add("loaded_k8_error_percent", "K8", 100 * d.loaded[3], "%", told(3));
     report.add("unloaded_k7_error_percent", "K7 without it again, error", 100 * d.unloaded[2], "%", "aim 5");
     report.add("unloaded_k8_error_percent", "K8", 100 * d.unloaded[3], "%", "aim 5");
     return report;

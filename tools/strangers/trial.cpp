@@ -136,6 +136,11 @@ void drive_with_payload(Simulation& sim, const DrawnRobot& robot, Driving& drivi
         if (stage == 0) now.world().plant().add_payload(load);
         if (stage == 1) {
             driving.loaded = errors(now);
+            const auto& estimate = now.cycle().learning().estimate();
+            driving.loaded_sigma = four(estimate.standard_error);
+            const FourValues value = four(estimate.dynamics);
+            for (std::size_t k = 0; k < 4; ++k) driving.loaded_sigma[k] /= std::abs(value[k]);
+            driving.loaded_frozen = now.cycle().learning().adaptation_frozen();
             load.mass_kg *= -1;  // taken off
             load.inertia_kg_m2 *= -1;
             now.world().plant().add_payload(load);

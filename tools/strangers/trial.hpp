@@ -34,6 +34,8 @@ struct Driving {
     double true_rms_share = 0;        // where the robot really is; without an external pose odometry drifts
     bool adapted = false;             // the adaptive mode was driven to the end
     FourValues loaded{}, unloaded{};  // errors of K5..K8 some seconds after; K7 and K8 are judged
+    FourValues loaded_sigma{};        // the standard errors that the firmware gave then, relative
+    bool loaded_frozen = false;       // it had stopped adapting then
     double adaptation_error() const;  // the largest of K7's and K8's, loaded and unloaded
 };
 
