@@ -331,6 +331,33 @@ TEST(SimPlantSlip, beyond_its_limit_a_tyre_pushes_with_that_and_the_wheel_spins_
     DOUBLES_EQUAL((1 - kRadius_m * most) / 0.0011 * 0.1, p.wheel_speed_rad_per_s().right - w, 1e-7);
 }
 
+// Its motor turns nothing but the wheel; the other one drives the robot round a point, as on one ski.
+TEST(SimPlantSlip, a_wheel_in_the_air_turns_alone_and_the_other_one_moves_the_robot) {
+    constexpr double kWheel_kg_m2 = 0.004;
+    sim::PlantParameters q = robot(with("wheel_slip", {3, 1e-4})).parameters();
+    q.wheel_inertia_kg_m2 = kWheel_kg_m2;
+    q.lifted.left = true;
+    Plant p(q);
+    const double of_wheel_kg = kWheel_kg_m2 / (kRadius_m * kRadius_m);
+    const double lever_m = kTrack_m / 2;
+    go(p, 0.1, {0.02, 0});
+    DOUBLES_EQUAL(0.02 / kWheel_kg_m2 * 0.1, p.wheel_speed_rad_per_s().left, 1e-9);
+    DOUBLES_EQUAL(0, p.twist().v_m_per_s, 1e-12);
+    DOUBLES_EQUAL(0, p.wheel_speed_rad_per_s().right, 1e-12);
+    p.place({}, {});
+    go(p, 0.1, {0, 0.05});
+    // Body without wheels, and the right one's rotation at its rim: M u' = (1, b/2) f, f + J w' / r = tau /
+    // r.
+    const double mass = kMass_kg - 2 * of_wheel_kg;
+    const double inertia = kInertia_kg_m2 - 2 * of_wheel_kg * lever_m * lever_m;
+    const double rim_per_N = 1 / mass + lever_m * lever_m / inertia;
+    const double force_N = 0.05 / kRadius_m / (1 + of_wheel_kg * rim_per_N);
+    DOUBLES_EQUAL(force_N / mass * 0.1, p.twist().v_m_per_s, 1e-4 * force_N / mass);
+    DOUBLES_EQUAL(force_N * lever_m / inertia * 0.1, p.twist().omega_rad_per_s,
+                  1e-4 * force_N * lever_m / inertia);
+    DOUBLES_EQUAL(0, p.wheel_speed_rad_per_s().left, 1e-9);
+}
+
 TEST(SimPlantSlip, a_parked_robot_with_dry_friction_stays_where_it_is) {
     Plant p = robot(with("wheel_slip", {0.5, 0.2}, with("coulomb_friction", {0.3, 0.25})));
     for (int i = 0; i < 1000; ++i) {

@@ -136,6 +136,11 @@ void drive_with_payload(Simulation& sim, const DrawnRobot& robot, Driving& drivi
         if (stage == 0) now.world().plant().add_payload(load);
         if (stage == 1) {
             driving.loaded = errors(now);
+            const auto& estimate = now.cycle().learning().estimate();
+            driving.loaded_sigma = four(estimate.standard_error);
+            const FourValues value = four(estimate.dynamics);
+            for (std::size_t k = 0; k < 4; ++k) driving.loaded_sigma[k] /= std::abs(value[k]);
+            driving.loaded_frozen = now.cycle().learning().adaptation_frozen();
             load.mass_kg *= -1;  // taken off
             load.inertia_kg_m2 *= -1;
             now.world().plant().add_payload(load);
@@ -149,14 +154,21 @@ void drive_with_payload(Simulation& sim, const DrawnRobot& robot, Driving& drivi
     track(sim, options);
 }
 
+// What the velocity loops are designed for; where nobody has said it, what the design has come to.
+double designed_settling_s(const Simulation& sim, const model::RobotParameters& parameters) {
+    const double asked_s = parameters.velocity_loop.settling_time_s;
+    if (asked_s > 0) return asked_s;
+    return sim.cycle().control().design().result().settling_s / control::LoopDesign<double>::kSettlingShare;
+}
+
 Driving drive_robot(Simulation& sim, const DrawnRobot& robot) {
     Driving driving;
-    driving.settling_aim_s = sim.parameters().velocity_loop.settling_time_s;
     sim.host().velocity({});
     if (!enter_mode(sim, protocol::Mode::velocity)) {
         driving.blocker = to_string_view(sim.cycle().supervisor().blocker());
         return driving;
     }
+    driving.settling_aim_s = designed_settling_s(sim, sim.parameters());
     drive_steps(sim, robot, driving);
     drive_figure_eight(sim, robot, driving);
     drive_with_payload(sim, robot, driving);

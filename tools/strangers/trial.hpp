@@ -3,6 +3,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <optional>
 #include <string>
 
@@ -33,6 +34,8 @@ struct Driving {
     double true_rms_share = 0;        // where the robot really is; without an external pose odometry drifts
     bool adapted = false;             // the adaptive mode was driven to the end
     FourValues loaded{}, unloaded{};  // errors of K5..K8 some seconds after; K7 and K8 are judged
+    FourValues loaded_sigma{};        // the standard errors that the firmware gave then, relative
+    bool loaded_frozen = false;       // it had stopped adapting then
     double adaptation_error() const;  // the largest of K7's and K8's, loaded and unloaded
 };
 
@@ -51,8 +54,10 @@ struct RobotResult {
 
     std::optional<Driving> driving;  // of a robot that was identified
 
-    double error(std::size_t k) const { return estimate[k] / truth[k] - 1; }
-    double z(std::size_t k) const { return (estimate[k] - truth[k]) / standard_error[k]; }
+    // Relative, and in standard errors; not numbers where nothing was estimated.
+    double error(std::size_t k) const { return estimated() ? estimate[k] / truth[k] - 1 : NAN; }
+    double z(std::size_t k) const { return estimated() ? (estimate[k] - truth[k]) / standard_error[k] : NAN; }
+    bool estimated() const { return estimate[2] > 0; }
     // The larger of K7's and K8's.
     double worst_error() const;
 };

@@ -1,0 +1,67 @@
+"""A dozen strangers' robots through the firmware as it is, a few with faults, and one of them again.
+
+    dozen.py PROGRAM
+
+Prints the tables. Fails when a command does not end as it should, when an aim that is demanded is missed (DEMANDED;
+the aims themselves are in tools/strangers/report.cpp), and when the same robot, again by its number or from its two files
+with `wheelwright sim`, is not identified as in the dozen.
+"""
+import json
+import pathlib
+import subprocess
+import sys
+import tempfile
+
+SEED = 2
+COUNT = 12
+FAULTS = 8  # each once
+AGAIN = 4   # the number of the robot that is run again
+# What must hold already, of the good robots and of those with faults.
+DEMANDED = {
+    "robots": ("problems", "wrong_successes"),
+    "faults": ("problems",),
+}
+
+
+def main():
+    program = sys.argv[1]
+    problems = []
+    with tempfile.TemporaryDirectory() as scratch:
+        figures = pathlib.Path(scratch, "figures.json")
+
+        def run(*words, good=(0, 3)):
+            done = subprocess.run([program, *map(str, words), "--json", str(figures)], capture_output=True, text=True, check=False)
+            print(done.stdout, done.stderr, sep="")
+            if done.returncode not in good:
+                sys.exit(f"{words}: exit status {done.returncode}")
+            return json.loads(figures.read_text(encoding="utf-8"))
+
+        dozen = run("robots", "--seed", SEED, "--count", COUNT, "--page", pathlib.Path(scratch, "robots.html"))
+        faults = run("robots", "--seed", SEED, "--count", FAULTS, "--faults")
+        again = run("robots", "--seed", SEED, "--only", AGAIN, "--write", scratch)
+        files = pathlib.Path(scratch, str(AGAIN))
+        command = next(line for line in (files / "plant.toml").read_text(encoding="utf-8").splitlines() if "wheelwright sim" in line)
+        seed = command.split("--seed ")[1].split()[0]
+        replayed = run("sim", "--robot", files / "robot.toml", "--plant", files / "plant.toml", "--seed", seed, "ident")
+        if subprocess.run([program, "check", str(files / "robot.toml")], check=False).returncode != 0:
+            problems.append(f"`check` finds a problem in robot {AGAIN}'s file")
+
+    if len(dozen["robots"]["robots"]) != COUNT or len(faults["robots"]["robots"]) != FAULTS:
+        problems.append("robots are missing")
+    if len({robot["fault"] for robot in faults["robots"]["robots"]}) != FAULTS:
+        problems.append("some fault was not tried")
+    for told, name in ((dozen, "robots"), (faults, "faults")):
+        problems += [f"{name}: {aim} is {told['summary'][aim]}" for aim in DEMANDED[name] if told["summary"][aim] != 0]
+    ident = next(section for key, section in replayed.items() if key.startswith("ident_"))
+    first, second = again["identification"]["parameters"], ident["parameters"]
+    if [row["value"] for row in first] != [row["value"] for row in second]:
+        problems.append(f"robot {AGAIN} from its files: {second} instead of {first}")
+    if dozen["robots"]["robots"][AGAIN - 1]["end"] != again["identification"]["end"]:
+        problems.append(f"robot {AGAIN} alone ends otherwise than among the dozen")
+    for problem in problems:
+        print(problem)
+    return 1 if problems else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
