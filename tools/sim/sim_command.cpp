@@ -130,6 +130,12 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         report.add("torque_limit_Nm", "probe: torque that arrives", found.torque_limit_Nm, "Nm",
                    found.clipped ? "the drives clip" : "");
         report.add("sides_confirmed", "probe: left and right confirmed", found.pose_seen);
+        if (std::getenv("DBG") != nullptr) {
+            const auto& run = sim.cycle().learning().run();
+            std::printf("DBG pushed %g %g dragged %g %g breakaway %g %g clipped %d %d reports %d ratio %g limit %g obstacle span %d stand %d kernel %g dry %g slow %g delay %g se %g valid %d\n", found.pushed_m_per_s2_Nm.left,
+                        found.pushed_m_per_s2_Nm.right, found.dragged_m_per_s2_Nm.left, found.dragged_m_per_s2_Nm.right, found.breakaway_Nm.left, found.breakaway_Nm.right,
+                        found.clipped, found.clipped_by_report, found.reports, found.report_ratio, found.torque_limit_Nm, sizing.speed_span, sizing.standing_samples, sizing.kernel_s, sizing.dry_share, run.estimator().filter().slow_share(), run.delay().delay_s, run.delay().standard_error_s, run.delay().valid);
+        }
         report.add("amplitude_Nm", "chosen: amplitude", sizing.amplitude_Nm, "Nm");
         report.add("bit_time_s", "chosen: bit", sizing.bit_time_s, "s");
         report.add("speed_limit_m_per_s", "chosen: speed limit", sizing.speed_limit_m_per_s, "m/s");
