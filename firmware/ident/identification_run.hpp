@@ -244,7 +244,6 @@ class IdentificationRun {
         } else if (!(std::abs(velocity.v_m_per_s) <= options_.overshoot * limits.speed_limit_m_per_s) ||
                    !(std::abs(velocity.omega_rad_per_s) <=
                      options_.overshoot * limits.yaw_rate_limit_rad_per_s)) {
-            if (getenv("DBG")) printf("DBG fast v %g w %g lim %g %g state %d t %g own %g %g\n", double(velocity.v_m_per_s), double(velocity.omega_rad_per_s), double(limits.speed_limit_m_per_s), double(limits.yaw_rate_limit_rad_per_s), int(state_), elapsed_s(), probe_.findings().k7_per_kg_m, probe_.findings().k8_per_kg_m2);
             // so gently as the probe drives, only a limit that a small room has set can be crossed
             const bool by_room = options_.probe && limits.speed_limit_m_per_s <
                                                        static_cast<Real>(options_.sizing.robot_speed_limit_m_per_s);

@@ -20,8 +20,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 #include <cstddef>
 #include <cstdint>
 
@@ -272,7 +270,7 @@ class Probe {
             note_pose(0);
         }
         if (next == Stage::turning && stage_before_ == Stage::forward) note_pose(1);
-        if (next == Stage::pulses) {
+        if (next == Stage::pulses && level_Nm_ == 0) {
             note_pose(2);
             if (judge_pose() || judge_coupling()) return;
         }
@@ -287,7 +285,7 @@ class Probe {
         stage_before_ = next;
         go(next);
         if (next == Stage::pulses) {
-            level_Nm_ = tried_Nm();
+            if (level_Nm_ == 0) level_Nm_ = tried_Nm();
             choose_pulse();
         }
     }
@@ -398,7 +396,6 @@ class Probe {
 
     // A wheel in the air turns without taking the other one, or the robot, with it.
     bool judge_coupling() {
-        if (getenv("DBG")) printf("DBG own %g %g other %g %g k7 %g\n", found_.pushed_m_per_s2_Nm.left, found_.pushed_m_per_s2_Nm.right, found_.dragged_m_per_s2_Nm.left, found_.dragged_m_per_s2_Nm.right, found_.k7_per_kg_m);
         const auto& own = found_.pushed_m_per_s2_Nm;
         const auto& other = found_.dragged_m_per_s2_Nm;
         if (!(found_.k7_per_kg_m > 0) || !(found_.k8_per_kg_m2 > 0) || !(own.left > 0) || !(own.right > 0)) {

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <cstdio>
 
+#include "tools/cli/message_text.hpp"
+
 namespace wheelwright::tools {
 namespace {
 
@@ -158,6 +160,7 @@ std::string status_text(const protocol::Status& status) {
     if (status.blocker != protocol::Blocker::none) {
         text += ", blocked by " + std::string(to_string_view(status.blocker));
     }
+    if (const std::string more = advice(status); !more.empty()) text += "; " + more;
     return text;
 }
 
