@@ -249,6 +249,18 @@ class Probe {
         if (stage_s() > kSteadyRamp_s) compare_report(0);
     }
 
+    // Third differences over a few samples: what is smooth, even a torque's noise, leaves next to nothing in them.
+    void measure_noise() {
+        const auto before = [&](std::size_t samples) { return ring_[(ring_at_ - 1 - samples) % kSpeedSpan]; };
+        const auto third = [&](double WheelPair<double>::* side) {
+            return before(0).*side - 3 * before(4).*side + 3 * before(8).*side - before(12).*side;
+        };
+        constexpr double kPower = 1 + 9 + 9 + 1;
+        const double left = third(&WheelPair<double>::left), right = third(&WheelPair<double>::right);
+        noise_power_.add((left * left + right * right) / (2 * kPower));
+        found_.angle_noise_rad = std::sqrt(noise_power_.mean());
+    }
+
     // Until the robot stands for a while.
     void pause() {
         if (stage_ != Stage::pause) return;
@@ -319,6 +331,7 @@ class Probe {
             fit_[leg_][0].add(leg_s, angle_.left);
             fit_[leg_][1].add(leg_s, angle_.right);
             compare_report(2 * kSettle_s);
+            if (leg_s > 2 * kSettle_s) measure_noise();
         }
         if (leg_ == 0) {
             const bool quick = fastest > fast;
@@ -354,10 +367,6 @@ class Probe {
         answered_[0].add(response(0, r.left));
         answered_[1].add(response(1, r.right));
         rubbed_.add(-(sum(0, r.left) + sum(1, r.right)) / 2);
-        double variance = 0;
-        for (const auto& leg : fit_)
-            for (const Parabola& wheel : leg) variance = std::max(variance, wheel.residual_variance());
-        found_.angle_noise_rad = std::max(found_.angle_noise_rad, std::sqrt(variance));
         fit_ = {};
         // again, until an external pose can tell that way from its noise
         if (++pushes_ < kMostPushes && (pushes_ < kFewestPushes || !pose_would_tell(turning)) && room_left())
@@ -402,7 +411,7 @@ class Probe {
             end(own.left > own.right ? IdentCause::right_wheel_does_not_turn : IdentCause::left_wheel_does_not_turn);
             return true;
         }
-        const double scale = std::sqrt(own.left * own.right);
+        const double scale = std::max(own.left, own.right);
         const bool apart = std::max(std::abs(other.left), std::abs(other.right)) < kFree * scale;
         if (apart && own.left > kFreeRatio * own.right) return end(IdentCause::left_wheel_off_ground), true;
         if (apart && own.right > kFreeRatio * own.left) return end(IdentCause::right_wheel_off_ground), true;
@@ -597,6 +606,7 @@ class Probe {
     std::array<Parabola, 2> pulse_fit_{};
     WheelPair<double> forward_, turning_;
     std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
+    Mean noise_power_;
     WheelPair<double> push_begin_;
     std::array<Mean, 2> answered_{};
     Mean rubbed_;

@@ -41,12 +41,13 @@ inline constexpr double kBrakingShare = 0.15;
 // the overrides choose the torque instead of the sequence.
 inline constexpr double kBitShare = 0.35;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
-inline constexpr double kShortestBit_s = 0.010;
+inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
 // Of the friction: a torque that moves a robot enough to learn from.
 inline constexpr double kMovesEnough = 1.5;
-// Below the torque at which a drive clips.
-inline constexpr double kBelowClipping = 0.95;
+// Below the torque at which a drive clips, as it says itself, and as the motion says.
+inline constexpr double kBelowReported = 0.95;
+inline constexpr double kBelowSeen = 0.9;
 
 // Speed limits by themselves, before anything is known of the robot but its file.
 inline double speed_limit_m_per_s(const SizingRequest& r) {
@@ -85,7 +86,8 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     const double k8 = found.k8_per_kg_m2;
     const double friction = found.friction_Nm;
     s.amplitude_Nm = std::min(r.amplitude_Nm > 0 ? r.amplitude_Nm : r.torque_limit_Nm, r.torque_limit_Nm);
-    if (found.clipped) s.amplitude_Nm = std::min(s.amplitude_Nm, kBelowClipping * found.torque_limit_Nm);
+    if (found.clipped) s.amplitude_Nm = std::min(
+            s.amplitude_Nm, (found.clipped_by_report ? kBelowReported : kBelowSeen) * found.torque_limit_Nm);
     if (!(s.amplitude_Nm > kMovesEnough * friction)) {
         s.obstacle = found.clipped ? IdentCause::torque_not_followed : IdentCause::too_heavy;
         return s;

@@ -138,6 +138,12 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         report.add("torque_limit_Nm", "probe: torque that arrives", found.torque_limit_Nm, "Nm",
                    found.clipped ? "the drives clip" : "");
         report.add("sides_confirmed", "probe: left and right confirmed", found.pose_seen);
+        const WheelPair<double> unexplained = sim.cycle().learning().run().estimator().unexplained();
+        report.add("unexplained_percent", "slow acceleration left unexplained",
+                   100 * std::max(unexplained.left, unexplained.right), "%",
+                   sim.cycle().learning().run().model_incomplete()
+                       ? "something is missing: run `wheelwright gap` on this log"
+                       : "");
         report.add("amplitude_Nm", "chosen: amplitude", sizing.amplitude_Nm, "Nm");
         report.add("bit_time_s", "chosen: bit", sizing.bit_time_s, "s");
         report.add("speed_limit_m_per_s", "chosen: speed limit", sizing.speed_limit_m_per_s, "m/s");
