@@ -88,12 +88,12 @@ class Workbench(unittest.TestCase):
     def test_5_identify_and_save(self):
         status, out, err = ctl("mode", "adaptive")
         self.assertEqual((status, out), (3, ""))
-        self.assertIn("blocked by model_not_trusted", err)
+        self.assertIn("blocked by not_identified", err)
         type(self).record = subprocess.Popen([rig.wheelwright(), "record", "--can", "vcan0", "--out", self.log],
                                              stderr=subprocess.PIPE, text=True)
         with open(self.rig.robot_file, encoding="utf-8") as file:
             before = file.read()
-        status, out, err = ctl("velocity", "0.1", "0", "--enter")
+        status, out, err = ctl("velocity", "0.1", "0", "--enter", "--for", "5")
         self.assertEqual((status, out), (3, ""))
         self.assertIn("blocked by not_identified, identify the robot first: wheelwright ctl mode ident", err)
         self.assertEqual(ctl("param", "save"), (0, "save: nothing has changed since the robot file was read\n", ""))

@@ -31,7 +31,7 @@ def encode(name, **values):
 
 class Firmware(threading.Thread):
     """Sends Status each 20 ms, enters each mode it is asked for (but refuses adaptive), answers parameters.
-    `ident`: how the ident mode goes, see identify()."""
+    `ending`: how the ident mode goes, see identify()."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -43,29 +43,29 @@ class Firmware(threading.Thread):
         self.value = 5.0
         self.saved = 12  # values that a save writes
         self.refusal = 0  # a blocker: modes are not entered
-        self.ident = None
+        self.ending = None
         self.running = True
         self.start()
 
     def identify(self, cause, lasts_s=1.0, rolls_s=0.0, **flags):
         """The next ident mode ends so, and the robot stands `rolls_s` later."""
-        self.ident = {"cause": cause, "lasts": lasts_s, "rolls": rolls_s, "flags": flags, "ends": None}
+        self.ending = {"cause": cause, "lasts": lasts_s, "rolls": rolls_s, "flags": flags, "ends": None}
 
     def step_ident(self, now):
-        if self.ident is None:
+        if self.ending is None:
             return
-        ends, done = self.ident["ends"], self.ident["cause"] in ("good_enough", "coupling_not_known")
+        ends, done = self.ending["ends"], self.ending["cause"] in ("good_enough", "coupling_not_known")
         over = ends is not None and now >= ends
         if over and self.state == 3:
             self.state = 1
-            if self.ident["flags"].get("TorqueClipped"):
+            if self.ending["flags"].get("TorqueClipped"):
                 self.value = 3.2
         phases, causes = DBC.value_tables["IdentPhase"], DBC.value_tables["IdentCause"]
         number = lambda table, name: next(int(key) for key, text in table.items() if text == name)
-        phase, cause = ("done" if done else "stopped_by_limit", self.ident["cause"]) if over else ("estimating", "none")
+        phase, cause = ("done" if done else "stopped_by_limit", self.ending["cause"]) if over else ("estimating", "none")
         self.send("IdentStatus", encode("IdentStatus", Phase=number(phases, phase), Cause=number(causes, cause), Delay=1430,
-                                        **(self.ident["flags"] if over else {})))
-        rolling = ends is not None and now < ends + self.ident["rolls"]
+                                        **(self.ending["flags"] if over else {})))
+        rolling = ends is not None and now < ends + self.ending["rolls"]
         self.send("BodyState", encode("BodyState", ForwardSpeed=400 if rolling else 1))
         for name, one, other in (("EstimateK5K7", ("K5", 0.04), ("K7", 1.25)), ("EstimateK6K8", ("K6", -1.5), ("K8", 6.9)),
                                  ("StandardErrorK5K7", ("K5", 0.002), ("K7", 0.003)),
@@ -91,11 +91,11 @@ class Firmware(threading.Thread):
             self.received.append((time.monotonic(), name, data))
             if name == "ModeCommand":
                 blocker = 6 if data[2] == 7 else self.refusal
-                if self.ident is not None and not blocker:
+                if self.ending is not None and not blocker:
                     if data[2] == 3:
-                        self.ident["ends"] = now + self.ident["lasts"]
+                        self.ending["ends"] = now + self.ending["lasts"]
                     elif self.state == 3:
-                        self.ident |= {"cause": "interrupted", "ends": now}
+                        self.ending |= {"cause": "interrupted", "ends": now}
                 self.state, self.blocker = (self.state if blocker else data[2], blocker)
             elif name == "EmergencyStop":
                 self.state = 8
@@ -264,7 +264,7 @@ class OnVcan(unittest.TestCase):
     def test_ident_is_waited_for_until_the_robot_stands_and_says_what_it_found(self):
         self.firmware.identify("good_enough", rolls_s=0.7, TorqueClipped=1)
         status, out, err = run("ctl", "--can", "vcan0", "mode", "ident")
-        self.assertGreater(time.monotonic(), self.firmware.ident["ends"] + 0.7)
+        self.assertGreater(time.monotonic(), self.firmware.ending["ends"] + 0.7)
         self.assertEqual((status, err), (0, ""))
         for line in (r"state ident", r"identified after [12] s: K5 to K8 are known well enough",
                      r"  K7  1\.25 ± 0\.003 1/\(kg m\)", r"  K5  0\.04 ± 0\.002 m", r"  delay  1\.43 ms",
@@ -290,7 +290,7 @@ class OnVcan(unittest.TestCase):
         process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "mode", "ident"], stderr=subprocess.PIPE, text=True)
         self.firmware.of("ParameterRequest", 2)
         self.firmware.state = MODES.index("fault")
-        self.firmware.ident["ends"] = 0
+        self.firmware.ending["ends"] = 0
         _, err = process.communicate(timeout=10)
         self.assertEqual(process.returncode, 3)
         self.assertIn("the robot has left ident: state fault", err)

@@ -76,11 +76,13 @@ void report_ident(const task::RobotFile& robot, Report& report) {
     report.add("distance_limit_m", "room around the start", p.ident.distance_limit_m, "m",
                "distance_limit_m");
     report.add("duration_s", "longest time", p.ident.duration_s, "s", "duration_s");
-    report.add(
-        "speed_limit_m_per_s", "speed limit", speed, "m/s",
-        given_or(p.ident.speed_limit_m_per_s, "auto: from the room; less where the robot brakes slowly"));
+    report.add("speed_limit_m_per_s", "speed limit", speed, "m/s",
+               given_or(p.ident.speed_limit_m_per_s,
+                        "auto: from the room and limits.speed_m_per_s; less where the robot brakes slowly"));
     report.add("yaw_rate_limit_rad_per_s", "yaw rate limit", ident::yaw_rate_limit_rad_per_s(request, speed),
-               "rad/s", given_or(p.ident.yaw_rate_limit_rad_per_s, "auto: wheels as fast as straight on"));
+               "rad/s",
+               given_or(p.ident.yaw_rate_limit_rad_per_s,
+                        "auto: wheels as fast as straight on, within limits.yaw_rate_rad_per_s"));
     const auto left_to_probe = [&](const char* key, const char* label, double value, const char* unit,
                                    const char* from) {
         if (value > 0) return report.add(key, label, value, unit, "given");

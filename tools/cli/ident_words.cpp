@@ -16,7 +16,7 @@ struct Row {
 
 // In the order of the DBC's table.
 constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
-    {IdentCause::none, {"not ended yet", ""}},
+    {IdentCause::none, {"not run to an end yet", ""}},
     {IdentCause::good_enough, {"K5 to K8 are known well enough", ""}},
     {IdentCause::coupling_not_known,
      {"K7 and K8 are known and kept, K5 and K6 are not yet and stay as they were",
