@@ -329,6 +329,7 @@ void Cycle::serve_parameters() {
                 break;
             case protocol::ParameterOperation::save:
                 reply.result = service_.save();
+                reply.value = static_cast<float>(mailbox_.offered());
                 break;
         }
         if (reply.result == protocol::ParameterResult::unknown_index) {
@@ -339,6 +340,7 @@ void Cycle::serve_parameters() {
     if (const auto outcome = mailbox_.outcome(); outcome != SaveMailbox::Outcome::none) {
         protocol::ParameterReply reply;
         reply.operation = protocol::ParameterOperation::save;
+        reply.value = static_cast<float>(mailbox_.offered());
         reply.result = outcome == SaveMailbox::Outcome::saved ? protocol::ParameterResult::ok
                                                               : protocol::ParameterResult::save_failed;
         telemetry_.reply(reply);
@@ -371,7 +373,8 @@ WheelPair<double> Cycle::identify(const MotionInputs& now) {
     ident::ProbeSample senses;
     senses.angle_rad = sample_.angle_rad;
     senses.usable = angles_known_;  // swapped wheels look like slip; the probe tells them apart
-    const std::array<const drivers::DriveFeedback*, 2> feedback{&ports_.left.feedback(), &ports_.right.feedback()};
+    const std::array<const drivers::DriveFeedback*, 2> feedback{&ports_.left.feedback(),
+                                                                &ports_.right.feedback()};
     senses.reported_Nm = {feedback[0]->torque_Nm, feedback[1]->torque_Nm};
     for (std::size_t i = 0; i < 2; ++i) {
         senses.report_is_new[i] = feedback[i]->torque_time_ns != report_ns_[i];

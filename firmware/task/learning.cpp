@@ -180,9 +180,12 @@ double Learning::progress() const {
     if (!started_) return 0;
     if (identification_succeeded()) return 1;
     const auto& e = run_.estimate();
-    const double worst = std::max(e.standard_error.k7_per_kg_m / std::abs(e.dynamics.k7_per_kg_m),
-                                  e.standard_error.k8_per_kg_m2 / std::abs(e.dynamics.k8_per_kg_m2));
-    const double by_error = worst > 0 ? std::pow(relative_standard_error_ / worst, 2) : 0;
+    const double coupling = std::max(run_.estimator().k5_error_m(), run_.estimator().k6_error_m());
+    const double worst = std::max(
+        {e.standard_error.k7_per_kg_m / std::abs(e.dynamics.k7_per_kg_m) / relative_standard_error_,
+         e.standard_error.k8_per_kg_m2 / std::abs(e.dynamics.k8_per_kg_m2) / relative_standard_error_,
+         coupling / run_.sizing().coupling_standard_error_m});
+    const double by_error = worst > 0 ? 1 / (worst * worst) : 0;
     const double by_time = run_.elapsed_s() / duration_s_;
     const double share = std::max(std::isfinite(by_error) ? by_error : 0.0, by_time);
     return std::clamp(share, 0.0, 0.99);

@@ -40,6 +40,9 @@ class SaveMailbox {
         return true;
     }
 
+    // Cycle: how many parameters the last snapshot has.
+    std::size_t offered() const { return snapshot_.count; }
+
     // Saving thread: the snapshot to save, or nullptr; finished() gives the slot back.
     const ChangedParameters* take() {
         return state_.load(std::memory_order_acquire) == State::full ? &snapshot_ : nullptr;

@@ -31,21 +31,42 @@ void check_derived(const RobotFile& robot, Diagnostics& diagnostics) {
     }
 }
 
+// A robot that was described by its masses, then identified: what was measured counts before what was
+// weighed.
+bool measured_beside_masses(const Diagnostics& diagnostics) {
+    constexpr std::array<const char*, 4> kMeasured{"dynamics.k7_per_kg_m", "dynamics.k8_per_kg_m2",
+                                                   "dynamics_standard_error.k7_per_kg_m",
+                                                   "dynamics_standard_error.k8_per_kg_m2"};
+    return std::all_of(kMeasured.begin(), kMeasured.end(),
+                       [&](const char* key) { return diagnostics.is_given(key); });
+}
+
 void dynamics_from_masses(RobotFile& robot, Diagnostics& diagnostics) {
     for (const MassInfo& info : mass_table()) {
         if (!diagnostics.is_given(info.key)) {
             diagnostics.problem(std::string(info.key), "missing; [mass] needs all of its four numbers");
         }
     }
+    const bool measured = measured_beside_masses(diagnostics);
     for (const std::string_view key : kDynamicsKeys) {
-        if (diagnostics.is_given(key)) {
+        if (!measured && diagnostics.is_given(key)) {
             diagnostics.problem(std::string(key),
-                                "found beside [mass], from which K5..K8 follow; expected one of the two");
+                                "found beside [mass], from which K5..K8 follow; expected one of the "
+                                "two, or standard errors that say it has been measured");
         }
     }
     if (diagnostics.has_problems()) return;
-    robot.parameters.dynamics = model::dynamics_from_mass(*robot.mass, robot.parameters.geometry);
-    check_derived(robot, diagnostics);
+    model::Dynamics<double>& k = robot.parameters.dynamics;
+    const model::Dynamics<double> guess = model::dynamics_from_mass(*robot.mass, robot.parameters.geometry);
+    if (!measured) {
+        k = guess;
+        check_derived(robot, diagnostics);
+        return;
+    }
+    if (!diagnostics.is_given("dynamics.k5_m")) k.k5_m = guess.k5_m;
+    if (!diagnostics.is_given("dynamics.k6_per_m"))
+        k.k6_per_m =
+            model::coupled_k6(k.k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, robot.parameters.geometry.track_m);
 }
 
 // A number and the key it belongs to.
@@ -139,10 +160,15 @@ void note_missing(const RobotFile& robot, Diagnostics& diagnostics) {
                                       " is assumed, which is hardly your robot's");
         }
     }
+    if (robot.mass.has_value() && measured_beside_masses(diagnostics)) {
+        diagnostics.note("mass", "not used for what [dynamics] gives, as that has been measured");
+    }
     if (!robot.mass.has_value() &&
         (!diagnostics.is_given("dynamics.k7_per_kg_m") || !diagnostics.is_given("dynamics.k8_per_kg_m2"))) {
-        diagnostics.note("dynamics",
-                         "K7 and K8 are not given: identify the robot before closing a loop on it");
+        diagnostics.note(
+            "dynamics",
+            "K7 and K8 are not given: velocity, pose, trajectory and adaptive are refused (not_identified) "
+            "until the robot has been identified: wheelwright ctl mode ident");
     }
 }
 

@@ -6,8 +6,8 @@
 Links lead somewhere, headings included. Programs, subcommands, options, scripts, presets and tests that are named
 exist.
 cansend lines decode by canmatrix, with the right length, CRC and values in range. Every mode, fault, blocker and
-message of the DBC is spoken of in docs/driving.md, faults in the order of the table that the firmware runs. Then each
-kind of mistake is planted in a copy, and not finding one fails.
+message of the DBC is spoken of in docs/driving.md, faults in the order of the table that the firmware runs, and every
+cause of an identification's end, in the tools' words, in docs/identification.md. Then each kind of mistake is planted in a copy, and not finding one fails.
 """
 import contextlib
 import functools
@@ -217,6 +217,13 @@ def names(root, _program):
     for name in {*value_table(dbc, "Mode"), *value_table(dbc, "Fault"), *value_table(dbc, "Blocker")} - {"none"}:
         if not re.search(rf"\b{name}\b", page):
             yield f"driving.md does not speak of {name}"
+    page_of_causes = (root / "docs/identification.md").read_text(encoding="utf-8")
+    words = (root / "tools/cli/ident_words.cpp").read_text(encoding="utf-8")
+    for name in {*value_table(dbc, "IdentCause")} - {"none"}:
+        happened, change = (re.sub(r'\\(.)', r"\1", re.sub(r'"\s*"', "", text)) for text in re.search(
+            rf'IdentCause::{name},\s*\{{"((?:\\.|"\s*"|[^"])*)",\s*"((?:\\.|"\s*"|[^"])*)"\}}', words).groups())
+        if f"| {name} | {happened} | {change} |" not in page_of_causes:
+            yield f"identification.md does not say of {name}: {happened} | {change}"
     for message in re.findall(r"^BO_ \d+ (\w+):", dbc, re.M):
         stem = re.sub(r"K\dK\d$", "", message)
         if not re.search(rf"\b{stem}\b", page):
@@ -243,6 +250,7 @@ PLANTED = [
     ("docs/measured.md", "`chain.ChainVelocity`", "`chain.ChainVelocities`"),
     ("docs/driving.md", "stale_feedback", "old_feedback"),
     ("docs/driving.md", "| over_speed |", "| overspeed |"),
+    ("docs/identification.md", "exchange drive.left.node", "change drive.left.node"),
 ]
 
 

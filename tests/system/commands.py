@@ -213,8 +213,11 @@ class Commands(unittest.TestCase):
             self.assertEqual(file.read(), text)  # nothing written unasked
         sent = time.time()
         self.assertEqual(self.request("save")[0], "save_started")
-        self.rig.until(lambda: "ok" in [rig.DBC.decode(number_of("ParameterReply"), data)["Result"] for _, data in
-                                        self.rig.host.of("ParameterReply", sent)], "saved")
+        def saved_values():
+            replies = [rig.DBC.decode(number_of("ParameterReply"), data) for _, data in
+                       self.rig.host.of("ParameterReply", sent)]
+            return [reply["Value"] for reply in replies if reply["Result"] == "ok"]
+        self.assertEqual(self.rig.until(saved_values, "saved"), [1.0])
         with open(self.rig.robot_file, encoding="utf-8") as file:
             saved = file.read()
         self.assertEqual(tomllib.loads(saved)["limits"]["torque_Nm"], 1.75)

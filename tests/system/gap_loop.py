@@ -68,9 +68,9 @@ class GapLoop(unittest.TestCase):
     def test_1_the_identifications_log_names_what_is_missing(self):
         def identify():
             self.rig.send("IdentSettings", Duration=25)
-            self.rig.mode("ident")
-            self.rig.until_status(lambda s: s["State"] != "ident", "the identification ends", seconds=60)
-            self.rig.until_state("idle")
+            status, out, err = run("ctl", "--can", "vcan0", "mode", "ident", seconds=60)
+            self.assertEqual(self.rig.status()["State"], "idle", out + err)
+            print(status, out + err)
         self.found["log"] = self.recorded("ident.log", identify)
         answer, text = self.gap("first", self.found["log"])
         self.assertEqual(answer["verdict"], "named", text)

@@ -293,6 +293,15 @@ TEST(RobotFile, MassAndDynamicsExcludeEachOtherAndMassIsWhole) {
     CHECK(parse_robot_file(mass, "r.toml").robot.has_value());
     expect_problem(mass + "[dynamics]\nk7_per_kg_m = 1.4\n", 7, 15, "dynamics.k7_per_kg_m",
                    {"found beside [mass]"});
+    // What was measured counts, and K5 is still the masses'.
+    const std::string measured =
+        "[dynamics]\nk7_per_kg_m = 1.4\nk8_per_kg_m2 = 6.5\n"
+        "[dynamics_standard_error]\nk7_per_kg_m = 0.01\nk8_per_kg_m2 = 0.1\n";
+    const RobotFileResult both = parse_robot_file(mass + measured, "r.toml");
+    CHECK(both.robot.has_value());
+    DOUBLES_EQUAL(1.4, both.robot->parameters.dynamics.k7_per_kg_m, 0);
+    DOUBLES_EQUAL(parse_robot_file(mass, "r.toml").robot->parameters.dynamics.k5_m,
+                  both.robot->parameters.dynamics.k5_m, 0);
     const RobotFileResult part = parse_robot_file("[mass]\nmass_kg = 9.0\n", "r.toml");
     LONGS_EQUAL(3, part.problems.size());
     CHECK(has(part.problems.front().message, "all of its four"));

@@ -249,6 +249,19 @@ class Check(unittest.TestCase):
         self.assertTrue(math.isclose(figures["bus"]["drive_load_percent"], 54.0 + 4 * 1.35 / 2 + 0.54, abs_tol=0.01),
                         figures["bus"])
 
+    def test_what_ident_will_do_is_said_as_far_as_the_file_tells(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, "figures.json")
+            status, out, _ = run("check", os.path.join(ROBOTS, "default.toml"), "--json", path)
+            self.assertEqual(status, 0)
+            with open(path, encoding="utf-8") as file:
+                ident = json.load(file)["ident"]
+        # 8/15 of 1.5 m a second; wheels 0.16 m from the middle as fast; the probe finds the torque.
+        self.assertAlmostEqual(ident["speed_limit_m_per_s"], 0.8)
+        self.assertAlmostEqual(ident["yaw_rate_limit_rad_per_s"], 5)
+        self.assertEqual(ident["amplitude_Nm"], "auto")
+        self.assertIn("at most limits.torque_Nm, 5 Nm", out)
+
     def test_bad_files_are_1_with_file_line_and_key(self):
         with tempfile.NamedTemporaryFile("w", suffix=".toml") as robot:
             robot.write("[geometry]\nwheel_radius_mm = 75\ntrack_m = 320\n")

@@ -30,7 +30,8 @@ def encode(name, **values):
 
 
 class Firmware(threading.Thread):
-    """Sends Status each 20 ms, enters each mode it is asked for (but refuses adaptive), answers parameters."""
+    """Sends Status each 20 ms, enters each mode it is asked for (but refuses adaptive), answers parameters.
+    `ending`: how the ident mode goes, see identify()."""
 
     def __init__(self):
         super().__init__(daemon=True)
@@ -40,11 +41,38 @@ class Firmware(threading.Thread):
         self.received = []  # (time, name, data)
         self.state, self.blocker = 1, 0
         self.value = 5.0
+        self.saved = 12  # values that a save writes
         self.refusal = 0  # a blocker: modes are not entered
         self.braking_s = 0  # from the request for idle until idle
         self.at_rest = None  # time of that, while it brakes
+        self.ending = None
         self.running = True
         self.start()
+
+    def identify(self, cause, lasts_s=1.0, rolls_s=0.0, **flags):
+        """The next ident mode ends so, and the robot stands `rolls_s` later."""
+        self.ending = {"cause": cause, "lasts": lasts_s, "rolls": rolls_s, "flags": flags, "ends": None}
+
+    def step_ident(self, now):
+        if self.ending is None:
+            return
+        ends, done = self.ending["ends"], self.ending["cause"] in ("good_enough", "coupling_not_known")
+        over = ends is not None and now >= ends
+        if over and self.state == 3:
+            self.state = 1
+            if self.ending["flags"].get("TorqueClipped"):
+                self.value = 3.2
+        phases, causes = DBC.value_tables["IdentPhase"], DBC.value_tables["IdentCause"]
+        number = lambda table, name: next(int(key) for key, text in table.items() if text == name)
+        phase, cause = ("done" if done else "stopped_by_limit", self.ending["cause"]) if over else ("estimating", "none")
+        self.send("IdentStatus", encode("IdentStatus", Phase=number(phases, phase), Cause=number(causes, cause), Delay=1430,
+                                        **(self.ending["flags"] if over else {})))
+        rolling = ends is not None and now < ends + self.ending["rolls"]
+        self.send("BodyState", encode("BodyState", ForwardSpeed=400 if rolling else 1))
+        for name, one, other in (("EstimateK5K7", ("K5", 0.04), ("K7", 1.25)), ("EstimateK6K8", ("K6", -1.5), ("K8", 6.9)),
+                                 ("StandardErrorK5K7", ("K5", 0.002), ("K7", 0.003)),
+                                 ("StandardErrorK6K8", ("K6", 0.1), ("K8", 0.02))):
+            self.send(name, encode(name, **dict((one, other))))
 
     def send(self, name, data):
         self.socket.send(struct.pack("=IB3x8s", IDS[name], len(data), bytes(data)))
@@ -59,6 +87,7 @@ class Firmware(threading.Thread):
                 due = now + 0.02
                 requested = self.state if self.at_rest is None else 1
                 self.send("Status", encode("Status", State=self.state, Requested=requested, Blocker=self.blocker))
+                self.step_ident(now)
             try:
                 number, length, data = struct.unpack("=IB3x8s", self.socket.recv(16))
             except TimeoutError:
@@ -67,6 +96,11 @@ class Firmware(threading.Thread):
             self.received.append((time.monotonic(), name, data))
             if name == "ModeCommand":
                 blocker = 6 if data[2] == 7 else self.refusal
+                if self.ending is not None and not blocker:
+                    if data[2] == 3:
+                        self.ending["ends"] = now + self.ending["lasts"]
+                    elif self.state == 3:
+                        self.ending |= {"cause": "interrupted", "ends": now}
                 if data[2] == 1 and self.braking_s > 0:
                     self.at_rest = time.monotonic() + self.braking_s
                 else:
@@ -86,7 +120,7 @@ class Firmware(threading.Thread):
                     self.send("ParameterReply", bytes([4 | 8 << 4, 0, 0, 0]) + bytes(4))
                     time.sleep(0.05)
                 self.send("ParameterReply", bytes([operation | result << 4, index & 255, index >> 8, 0])
-                          + struct.pack("<f", self.value))
+                          + struct.pack("<f", self.saved if operation == 4 else self.value))
 
     def end(self):
         self.running = False
@@ -239,7 +273,62 @@ class OnVcan(unittest.TestCase):
         status, _, err = run("ctl", "--can", "vcan0", "param", "commit")
         self.assertEqual(status, 3)
         self.assertIn("not_now", err)
-        self.assertEqual(run("ctl", "--can", "vcan0", "param", "save")[1], "save: ok\n")
+        self.assertEqual(run("ctl", "--can", "vcan0", "param", "save")[1], "save: 12 values are in the robot file\n")
+        self.firmware.saved = 0
+        self.assertEqual(run("ctl", "--can", "vcan0", "param", "save"),
+                         (0, "save: nothing has changed since the robot file was read\n", ""))
+
+    def test_ident_is_waited_for_until_the_robot_stands_and_says_what_it_found(self):
+        self.firmware.identify("good_enough", rolls_s=0.7, TorqueClipped=1)
+        status, out, err = run("ctl", "--can", "vcan0", "mode", "ident")
+        self.assertGreater(time.monotonic(), self.firmware.ending["ends"] + 0.7)
+        self.assertEqual((status, err), (0, ""))
+        for line in (r"state ident", r"identified after [12] s: K5 to K8 are known well enough",
+                     r"  K7  1\.25 ± 0\.003 1/\(kg m\)", r"  K5  0\.04 ± 0\.002 m", r"  delay  1\.43 ms",
+                     r"the drives deliver 3\.2 Nm of the 5 Nm of limits\.torque_Nm; 3\.2 Nm is the limit now",
+                     r"left and right are not confirmed: .*", r".*`wheelwright ctl param save` writes it.*"):
+            self.assertRegex(out, f"(?m)^{line}$")
+
+    def test_an_identification_without_coupling_says_what_is_not_kept(self):
+        self.firmware.identify("coupling_not_known", SidesConfirmed=1)
+        status, out, err = run("ctl", "--can", "vcan0", "mode", "ident")
+        self.assertEqual((status, err), (0, ""))
+        self.assertIn("K5  0.04 ± 0.002 m, not kept\n", out)
+        self.assertIn("K5 and K6 are not yet and stay as they were: for these a longer ident.duration_s", out)
+        self.assertNotIn("not confirmed", out)
+
+    def test_an_identification_that_fails_says_why_and_what_to_change(self):
+        self.firmware.identify("wheels_swapped")
+        status, out, err = run("ctl", "--can", "vcan0", "mode", "ident")
+        self.assertEqual((status, out), (3, "state ident\n"))
+        self.assertIn("drive.left drives the right wheel: exchange drive.left.node and drive.right.node", err)
+        self.assertIn("nothing is kept", err)
+        self.firmware.identify("interrupted", lasts_s=20)
+        process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "mode", "ident"], stderr=subprocess.PIPE, text=True)
+        self.firmware.of("ParameterRequest", 2)
+        self.firmware.state = MODES.index("fault")
+        self.firmware.ending["ends"] = 0
+        _, err = process.communicate(timeout=10)
+        self.assertEqual(process.returncode, 3)
+        self.assertIn("the robot has left ident: state fault", err)
+
+    def test_ctrl_c_ends_an_identification_with_idle(self):
+        self.firmware.identify("good_enough", lasts_s=20)
+        process = subprocess.Popen([PROGRAM, "ctl", "--can", "vcan0", "mode", "ident"], stdout=subprocess.PIPE,
+                                   stderr=subprocess.PIPE, text=True)
+        self.firmware.of("ParameterRequest", 1)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=10)
+        self.assertEqual(process.returncode, 3)
+        self.assertIn("Ctrl-C: the robot is asked for idle\n", out)
+        self.assertIn("another mode came before the end", err)
+        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 2)], [3, 1])
+
+    def test_ident_is_not_waited_for_by_scripts_that_say_so(self):
+        self.firmware.identify("good_enough", lasts_s=20)
+        began = time.monotonic()
+        self.assertEqual(run("ctl", "--can", "vcan0", "--no-wait", "mode", "ident"), (0, "", ""))
+        self.assertLess(time.monotonic(), began + 5)
 
     def test_monitor_prints_lines_when_it_is_not_on_a_terminal(self):
         status, out, err = run("monitor", "--can", "vcan0", "--for", "1", "--every", "0.3")

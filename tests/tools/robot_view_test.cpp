@@ -1,8 +1,11 @@
 // What the monitor makes of telemetry.
 #include <cstdio>
+#include <set>
 #include <string>
 
 #include "firmware/protocol/wheelwright_messages.hpp"
+#include "tools/cli/ident_words.hpp"
+#include "tools/cli/report.hpp"
 #include "tools/monitor/robot_view.hpp"
 
 #include <CppUTest/TestHarness.h>
@@ -84,6 +87,48 @@ TEST(RobotView, ScreenNamesStateLimitsCountersAndModel) {
     CHECK(has(screen, "K7 1.4085 1/(kg m)"));
     CHECK(has(screen, "coulomb_friction.left_Nm 0.31 Nm"));
     CHECK(has(view.screen(2'500'000'000), "SILENT for 1.5 s"));
+}
+
+TEST(RobotView, AnIdentificationsEndIsSaidInWords) {
+    tools::RobotView view;
+    protocol::Status status;
+    status.blocker = protocol::Blocker::not_identified;
+    CHECK(view.accept(frame_of(status), 0));
+    CHECK(has(view.line(0), "not_identified, identify the robot first: wheelwright ctl mode ident"));
+    protocol::IdentStatus ident;
+    ident.phase = protocol::IdentPhase::probing;
+    CHECK(view.accept(frame_of(ident), 0));
+    CHECK(view.status_changed());
+    CHECK_FALSE(has(view.screen(0), "not confirmed"));
+    ident.phase = protocol::IdentPhase::stopped_by_limit;
+    ident.cause = protocol::IdentCause::too_heavy;
+    CHECK(view.accept(frame_of(ident), 0));
+    CHECK(view.status_changed());
+    CHECK(has(view.line(0), "too_heavy: neither wheel moved at limits.torque_Nm"));
+    CHECK(has(view.screen(0), "raise it, or look for a brake or a blocked gear\n"));
+    CHECK_FALSE(has(view.screen(0), "not confirmed"));
+    ident.phase = protocol::IdentPhase::done;
+    ident.cause = protocol::IdentCause::good_enough;
+    ident.torque_clipped = true;
+    CHECK(view.accept(frame_of(ident), 0));
+    tools::Report report("monitor");
+    view.fill(report);
+    for (const std::string& text : {view.screen(0), report.text(), report.json()}) {
+        CHECK(has(text, "left and right are not confirmed"));
+        CHECK(has(text, "the drives deliver less than limits.torque_Nm; what they deliver is the limit now"));
+    }
+    CHECK(has(report.json(), "\"ident_cause\": \"good_enough\""));
+}
+
+TEST(RobotView, EachCauseHasItsWordsAndEachFailureItsRemedy) {
+    std::set<std::string> seen;
+    for (const protocol::IdentCause cause : protocol::ident_cause_values) {
+        const tools::CauseWords words = tools::words_of(cause);
+        CHECK_FALSE(words.happened.empty());
+        CHECK(seen.insert(tools::cause_sentence(cause)).second);
+        const bool fine = cause == protocol::IdentCause::none || cause == protocol::IdentCause::good_enough;
+        CHECK_EQUAL(fine, words.change.empty());
+    }
 }
 
 TEST(RobotView, BadAndForeignFramesAreCountedApart) {

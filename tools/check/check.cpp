@@ -4,6 +4,7 @@
 #include <cstdio>
 #include <memory>
 
+#include "firmware/ident/sizing.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "tools/check/parameter_reference.hpp"
@@ -21,8 +22,8 @@ struct Options {
 };
 
 std::string_view origin(const task::RobotFile& robot) {
-    if (robot.mass.has_value()) return "from [mass]";
-    return robot.is_given("dynamics.k7_per_kg_m") ? "given" : "not given: defaults";
+    if (robot.is_given("dynamics.k7_per_kg_m")) return "given";
+    return robot.mass.has_value() ? "from [mass]" : "not given: defaults";
 }
 
 void report_model(const task::RobotFile& robot, Report& report) {
@@ -56,6 +57,46 @@ void report_model(const task::RobotFile& robot, Report& report) {
                2 * k.k7_per_kg_m * p.limits.torque_Nm, "m/s^2");
     report.add("fastest_spin_rad_per_s2", "yaw acceleration at full torque",
                2 * k.k8_per_kg_m2 * p.limits.torque_Nm, "rad/s^2");
+}
+
+// What the ident mode will do, as far as it follows from the file; the rest follows from what its probe
+// finds.
+void report_ident(const task::RobotFile& robot, Report& report) {
+    const model::RobotParameters& p = robot.parameters;
+    ident::SizingRequest request;
+    request.speed_limit_m_per_s = p.ident.speed_limit_m_per_s;
+    request.yaw_rate_limit_rad_per_s = p.ident.yaw_rate_limit_rad_per_s;
+    request.track_m = p.geometry.track_m;
+    request.distance_limit_m = p.ident.distance_limit_m;
+    request.robot_speed_limit_m_per_s = p.limits.speed_m_per_s;
+    request.robot_yaw_rate_limit_rad_per_s = p.limits.yaw_rate_rad_per_s;
+    const double speed = ident::speed_limit_m_per_s(request);
+    const auto given_or = [](double value, const char* otherwise) { return value > 0 ? "given" : otherwise; };
+    report.section("ident", "Identification");
+    report.add("distance_limit_m", "room around the start", p.ident.distance_limit_m, "m",
+               "distance_limit_m");
+    report.add("duration_s", "longest time", p.ident.duration_s, "s", "duration_s");
+    report.add("speed_limit_m_per_s", "speed limit", speed, "m/s",
+               given_or(p.ident.speed_limit_m_per_s,
+                        "auto: from the room and limits.speed_m_per_s; less where the robot brakes slowly"));
+    report.add("yaw_rate_limit_rad_per_s", "yaw rate limit", ident::yaw_rate_limit_rad_per_s(request, speed),
+               "rad/s",
+               given_or(p.ident.yaw_rate_limit_rad_per_s,
+                        "auto: wheels as fast as straight on, within limits.yaw_rate_rad_per_s"));
+    const auto left_to_probe = [&](const char* key, const char* label, double value, const char* unit,
+                                   const char* from) {
+        if (value > 0) return report.add(key, label, value, unit, "given");
+        report.add(key, label, std::string("auto"), "", from);
+    };
+    const std::string most = "the probe finds it: at most limits.torque_Nm, " +
+                             number_text(p.limits.torque_Nm) + " Nm, and what the drives deliver";
+    left_to_probe("amplitude_Nm", "torque", p.ident.amplitude_Nm, "Nm", most.c_str());
+    left_to_probe("bit_time_s", "bit", p.ident.bit_time_s, "s", "from the acceleration that the probe finds");
+    left_to_probe("kernel_s", "averaging kernel", p.ident.kernel_s, "s", "from the bit");
+    left_to_probe("coupling_standard_error_m", "wanted error of K5", p.ident.coupling_standard_error_m, "m",
+                  "from acceleration and yaw rate limit");
+    report.add("relative_standard_error_percent", "wanted error of K7, K8",
+               100 * p.ident.relative_standard_error, "%");
 }
 
 void report_effects(const task::RobotFile& robot, Report& report) {
@@ -124,6 +165,7 @@ int check(const Options& options) {
     report.add("keys_given", "keys given", static_cast<std::int64_t>(robot.given.size()), "",
                "the others have their defaults");
     report_model(robot, report);
+    report_ident(robot, report);
     report_effects(robot, report);
     report_bus(robot, report);
     report.section("notes", result.notes.empty() ? "" : "Worth a look");

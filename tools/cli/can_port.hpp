@@ -26,6 +26,7 @@ bool receive_until(hal::SocketCanBus& bus, hal::ReceivedFrame& out, std::int64_t
 // From the first call of catch_interrupt() on, Ctrl-C and SIGTERM end waiting instead of the program.
 void catch_interrupt();
 bool interrupted();
+// From here on it counts anew: what Ctrl-C has ended is being brought to an end in order.
 void forget_interrupt();
 
 // Sleeps until `deadline_ns` or Ctrl-C.

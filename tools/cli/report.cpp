@@ -44,6 +44,12 @@ std::string number_text(double value, int digits) {
     return buffer.data();
 }
 
+std::string with_error(double value, double error) {
+    std::string text = number_text(value, 5);
+    if (error > 0) text += " ± " + number_text(error, 2);
+    return text;
+}
+
 Report::Report(std::string_view command) : command_(command) {}
 
 void Report::section(std::string_view key, std::string_view heading) {

@@ -67,4 +67,7 @@ std::size_t text_width(std::string_view text);
 // A number with so many significant digits, without trailing noise: "1.40855", "3.2e-05".
 std::string number_text(double value, int digits = 6);
 
+// "0.0413 ± 0.0002"; the error is left out where there is none.
+std::string with_error(double value, double error);
+
 }  // namespace wheelwright::tools

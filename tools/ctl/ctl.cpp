@@ -12,6 +12,7 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/message_text.hpp"
 #include "tools/cli/parameter_names.hpp"
+#include "tools/ctl/identification.hpp"
 #include "tools/ctl/link.hpp"
 
 namespace wheelwright::tools {
@@ -115,7 +116,10 @@ int send_mode(const Options& options, protocol::Mode mode) {
     if (const int status = link.open(); status != kDone) return status;
     link.forget_received();
     if (const int status = link.send(command); status != kDone) return status;
-    const int result = options.no_wait ? kDone : await_state(link, mode);
+    int result = options.no_wait ? kDone : await_state(link, mode);
+    if (mode == protocol::Mode::ident && !options.no_wait && (result == kDone || interrupted())) {
+        result = await_identification(link);
+    }
     Link::leave_slot();
     return result;
 }
@@ -171,6 +175,12 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     return result;
 }
 
+std::string saved_text(float values) {
+    const auto count = std::lround(values);
+    if (count == 0) return "nothing has changed since the robot file was read";
+    return std::to_string(count) + (count == 1 ? " value is" : " values are") + " in the robot file";
+}
+
 int run_parameter(const Options& options, protocol::ParameterOperation operation,
                   const std::optional<NamedParameter>& parameter, float value, bool commit) {
     using protocol::ParameterOperation;
@@ -204,6 +214,8 @@ int run_parameter(const Options& options, protocol::ParameterOperation operation
         } else if (parameter.has_value() && what != ParameterOperation::commit) {
             std::printf("%s = %s%s%s\n", name.c_str(), parameter_value_text(*parameter, reply->value).c_str(),
                         parameter->unit.empty() ? "" : " ", parameter->unit.c_str());
+        } else if (what == ParameterOperation::save) {
+            std::printf("save: %s\n", saved_text(reply->value).c_str());
         } else {
             std::printf("%s: ok\n", name.c_str());
         }
@@ -235,9 +247,13 @@ CommandLine subcommand(const CommandLine& parent, const char* name, const char* 
 
 void add_mode(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto name = std::make_shared<std::string>();
-    const CommandLine command = subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it");
+    const CommandLine command =
+        subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it; ident: until it is over");
     command.add_option("MODE", *name, "One of " + names_of(protocol::mode_values, 1, 8)).required();
-    command.footer("Exit status 3: refused, and why; or nobody answered.");
+    command.footer(
+        "Mode ident ends by itself: progress is shown, then what was found; Ctrl-C sends idle.\n"
+        "Exit status 0 of ident: K7 and K8 are known; 3: refused, or not identified, and why; or nobody "
+        "answered.");
     command.callback([=, &run] {
         run = [=] {
             const auto mode = by_name(protocol::mode_values, *name);
@@ -485,7 +501,7 @@ void add_ctl(const CommandLine& program, Run& run) {
     ctl.add_option("--for", options->for_s, "Seconds to repeat").check(greater_than_zero());
     ctl.add_flag("--enter", options->enter, "Ask for the command's mode too, and for idle at the end");
     ctl.add_flag("--no-wait", options->no_wait,
-                 "Do not wait for the robot's answer to mode, stop, clear and --enter");
+                 "Do not wait for the robot's answer to mode, stop, clear and --enter, nor for ident's end");
     add_mode(ctl, options, run);
     add_torque(ctl, options, run);
     add_velocity(ctl, options, run);

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 
+#include "tools/cli/ident_words.hpp"
 #include "tools/cli/message_text.hpp"
 
 namespace wheelwright::tools {
@@ -27,22 +28,28 @@ int Link::open() {
     bus_ = open_can(options_.interface, status);
     if (bus_ != nullptr) {
         constexpr std::uint32_t kWhole = 0x7FF;
-        bus_->set_filters(std::array{hal::CanFilter{protocol::Status::id, kWhole, false},
-                                     hal::CanFilter{protocol::BodyState::id, kWhole, false},
-                                     hal::CanFilter{protocol::ParameterReply::id, kWhole, false}});
+        std::vector<hal::CanFilter> filters;
+        for (const std::uint32_t id :
+             {protocol::Status::id, protocol::BodyState::id, protocol::ParameterReply::id,
+              protocol::IdentStatus::id, protocol::EstimateK5K7::id, protocol::EstimateK6K8::id,
+              protocol::StandardErrorK5K7::id, protocol::StandardErrorK6K8::id})
+            filters.push_back({id, kWhole, false});
+        bus_->set_filters(filters);
     }
     return status;
 }
 
 void Link::leave_slot() { sleep_until((can_now_ns() / kAliveSlot_ns + 1) * kAliveSlot_ns); }
 
-void Link::note_body(const hal::CanFrame& frame) {
-    if (frame.id != protocol::BodyState::id) return;
-    protocol::BodyState body;
-    if (protocol::BodyState::decode(std::span(frame.data.data(), frame.length), body) ==
-        protocol::CodecStatus::ok) {
-        body_ = body;
+bool Link::receive(hal::CanFrame& frame, std::int64_t deadline_ns) {
+    hal::ReceivedFrame received;
+    while (receive_until(*bus_, received, deadline_ns)) {
+        frame = received.frame;
+        if (frame.extended || frame.error || frame.remote) continue;
+        if (const auto body = decoded<protocol::BodyState>(frame)) body_ = *body;
+        return true;
     }
+    return false;
 }
 
 int Link::send(const Command& command) {
@@ -158,7 +165,7 @@ std::string status_text(const protocol::Status& status) {
     std::string text = "state " + std::string(to_string_view(status.state));
     if (status.fault != protocol::Fault::none) text += ", fault " + std::string(to_string_view(status.fault));
     if (status.blocker != protocol::Blocker::none) {
-        text += ", blocked by " + std::string(to_string_view(status.blocker));
+        text += ", blocked by " + blocker_text(status.blocker);
     }
     if (const std::string more = advice(status); !more.empty()) text += "; " + more;
     return text;
@@ -169,6 +176,7 @@ std::string result_text(protocol::ParameterResult result) {
     std::string text(to_string_view(result));
     if (result == ParameterResult::read_only) text += ": only the robot file sets it, at the start";
     if (result == ParameterResult::not_now) text += ": it may change in the idle mode only";
+    if (result == ParameterResult::save_failed) text += ": wheelwrightd has said why where it runs";
     if (result == ParameterResult::nothing_staged) text += ": write parameters first";
     return text;
 }

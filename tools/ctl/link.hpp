@@ -41,19 +41,24 @@ class Link {
     // Waits for the next message of this kind; nothing when none comes in time.
     template <typename Message>
     std::optional<Message> wait_for(std::int64_t deadline_ns) {
-        hal::ReceivedFrame received;
-        while (receive_until(*bus_, received, deadline_ns)) {
-            const hal::CanFrame& frame = received.frame;
-            if (frame.extended || frame.error || frame.remote) continue;
-            note_body(frame);
-            if (frame.id != Message::id) continue;
-            Message message;
-            if (Message::decode(std::span(frame.data.data(), frame.length), message) ==
-                protocol::CodecStatus::ok) {
-                return message;
-            }
+        hal::CanFrame frame;
+        while (receive(frame, deadline_ns)) {
+            if (const auto message = decoded<Message>(frame)) return message;
         }
         return std::nullopt;
+    }
+
+    // Waits for the next frame of any kind.
+    bool receive(hal::CanFrame& frame, std::int64_t deadline_ns);
+
+    template <typename Message>
+    static std::optional<Message> decoded(const hal::CanFrame& frame) {
+        Message message;
+        if (frame.id != Message::id || Message::decode(std::span(frame.data.data(), frame.length), message) !=
+                                           protocol::CodecStatus::ok) {
+            return std::nullopt;
+        }
+        return message;
     }
 
     // What came before the command says nothing about its effect.
@@ -72,7 +77,6 @@ class Link {
   private:
     static std::uint8_t alive_of_slot();
     std::uint8_t next_alive(const Command& command);
-    void note_body(const hal::CanFrame& frame);
 
     const LinkOptions& options_;
     std::unique_ptr<hal::SocketCanBus> bus_;

@@ -4,7 +4,9 @@
 #include <array>
 #include <cstdio>
 #include <span>
+#include <utility>
 
+#include "tools/cli/ident_words.hpp"
 #include "tools/cli/message_text.hpp"
 #include "tools/cli/parameter_names.hpp"
 
@@ -24,13 +26,6 @@ std::string format(const char* pattern, Values... values) {
 template <typename Enum>
 std::string name(Enum value) {
     return std::string(to_string_view(value));
-}
-
-// "0.0413 ± 0.0002"; the error is left out when there is none.
-std::string with_error(double value, double error) {
-    std::string text = number_text(value, 5);
-    if (error > 0) text += " ± " + number_text(error, 2);
-    return text;
 }
 
 std::string effect_name(std::uint16_t index) {
@@ -127,7 +122,8 @@ bool RobotView::accept(const hal::CanFrame& frame, std::int64_t time_ns) {
 
 bool RobotView::status_changed() {
     if (!status_.has_value()) return false;
-    const std::string now = name(status_->state) + "," + name(status_->fault) + "," + name(status_->blocker);
+    std::string now = name(status_->state) + "," + name(status_->fault) + "," + name(status_->blocker);
+    if (ident_.has_value()) now.append(",").append(to_string_view(ident_->cause));
     if (now == told_) return false;
     told_ = now;
     return true;
@@ -150,6 +146,16 @@ std::string RobotView::limits_text() const {
     return text.empty() ? "none" : text;
 }
 
+// Nothing while it runs.
+std::vector<std::string> RobotView::ident_words() const {
+    std::vector<std::string> lines;
+    if (!ident_.has_value() || !ended(*ident_)) return lines;
+    for (const std::string& line : {cause_sentence(ident_->cause), clipping_sentence(*ident_),
+                                    sides_sentence(*ident_), model_sentence(*ident_)})
+        if (!line.empty()) lines.push_back(line);
+    return lines;
+}
+
 std::string RobotView::screen(std::int64_t now_ns) const {
     if (!status_.has_value()) return "nothing heard from a firmware yet\n";
     std::string out;
@@ -161,7 +167,7 @@ std::string RobotView::screen(std::int64_t now_ns) const {
                      (status_->requested != status_->state ? ", asked for " + name(status_->requested) : "") +
                      (now_ns - status_ns_ > kSilent_ns ? format("   SILENT for %.1f s", age_s) : ""));
     row("fault", name(status_->fault));
-    row("blocker", name(status_->blocker));
+    row("blocker", blocker_text(status_->blocker));
     row("limiting", limits_text());
     row("drives", "left " + name(status_->drive_left) + ", right " + name(status_->drive_right));
     if (const std::string text = advice(*status_); !text.empty()) row("", text);
@@ -207,6 +213,7 @@ std::string RobotView::screen(std::int64_t now_ns) const {
             name(ident_->phase) + format("  %.0f %%  delay %.3f ms  %u samples  excitation %.0f %%",
                                          status_->progress_percent, ident_->delay_s * 1e3,
                                          static_cast<unsigned>(ident_->samples), ident_->excitation_percent));
+        for (const std::string& words : ident_words()) row("", words);
     }
     if (design_.has_value()) {
         row("loops",
@@ -239,7 +246,7 @@ std::string RobotView::line(std::int64_t time_ns) const {
     if (!status_.has_value()) return out + "no Status yet";
     out += format("%-10s", name(status_->state).c_str());
     if (status_->fault != protocol::Fault::none) out += " fault " + name(status_->fault);
-    if (status_->blocker != protocol::Blocker::none) out += " blocked by " + name(status_->blocker);
+    if (status_->blocker != protocol::Blocker::none) out += " blocked by " + blocker_text(status_->blocker);
     if (odometry_.has_value()) {
         out += format("  x %.4f y %.4f m heading %.4f rad", odometry_->x_m, odometry_->y_m,
                       odometry_->heading_rad);
@@ -250,6 +257,8 @@ std::string RobotView::line(std::int64_t time_ns) const {
     }
     if (ident_.has_value() && ident_->phase != protocol::IdentPhase::off) {
         out += "  ident " + name(ident_->phase) + format(" %.0f %%", status_->progress_percent);
+        if (ended(*ident_))
+            out += ", " + name(ident_->cause) + ": " + std::string(words_of(ident_->cause).happened);
     }
     return out;
 }
@@ -278,6 +287,11 @@ void RobotView::fill(Report& report) const {
     report.add("state", "state", name(status_->state));
     report.add("fault", "fault", name(status_->fault));
     report.add("blocker", "blocker", name(status_->blocker));
+    if (ident_.has_value() && ended(*ident_)) {
+        report.add("ident_cause", "identification", name(ident_->cause));
+        report.table("ident_words", {{"words", "identification in words"}});
+        for (std::string words : ident_words()) report.row({std::move(words)});
+    }
     report.add("limiting", "limiting", limits_text());
     if (odometry_.has_value()) {
         report.add("x_m", "x", odometry_->x_m, "m");

@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "firmware/protocol/wheelwright_messages.hpp"
 #include "hal/can_bus.hpp"
@@ -18,7 +19,8 @@ class RobotView {
     // Takes one frame in; true when it was one of our messages and good.
     bool accept(const hal::CanFrame& frame, std::int64_t time_ns);
 
-    // The state, the fault or the blocker differs from the last time this was asked.
+    // The state, the fault, the blocker or the identification's end differs from the last time this was
+    // asked.
     bool status_changed();
 
     bool heard() const { return status_.has_value(); }
@@ -46,6 +48,7 @@ class RobotView {
     template <typename Message>
     bool take(const hal::CanFrame& frame, std::optional<Message>& into);
     std::string limits_text() const;
+    std::vector<std::string> ident_words() const;
 
     std::optional<protocol::Status> status_;
     std::array<std::optional<std::uint32_t>, protocol::counter_cause_values.size()> counters_;

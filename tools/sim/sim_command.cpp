@@ -14,6 +14,7 @@
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/ident_words.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ctl/link.hpp"
 #include "tools/sim/experiments.hpp"
@@ -124,20 +125,24 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         return true;
     }
     if (action.name == "ident") {
+        const double asked_Nm = sim.parameters().limits.torque_Nm;
         const IdentificationResult result = identify(sim);
         const auto truth = as_seen_with(sim::plant_dynamics(sim.world().plant().parameters()), plant.geometry,
                                         sim.parameters().geometry);
         const ident::ProbeFindings& found = sim.cycle().learning().run().probe().findings();
         const ident::Sizing& sizing = sim.cycle().learning().run().sizing();
         report.add("succeeded", "K7 and K8 known", result.succeeded);
-        report.add("cause", "ended by", std::string(to_string_view(sim.cycle().learning().run().cause())));
+        const protocol::IdentStatus status = sim.cycle().learning().status();
+        report.add("cause", "ended by", std::string(to_string_view(status.cause)));
+        report.add("cause_words", "that is", cause_sentence(status.cause));
         report.add("probe_k7_per_kg_m", "probe: K7", found.k7_per_kg_m, "1/(kg m)");
         report.add("probe_k8_per_kg_m2", "probe: K8", found.k8_per_kg_m2, "1/(kg m^2)");
         report.add("probe_friction_Nm", "probe: friction of a wheel", found.friction_Nm, "Nm");
         report.add("probe_angle_noise_rad", "probe: noise of the angles", found.angle_noise_rad, "rad");
         report.add("torque_limit_Nm", "probe: torque that arrives", found.torque_limit_Nm, "Nm",
-                   found.clipped ? "the drives clip" : "");
-        report.add("sides_confirmed", "probe: left and right confirmed", found.pose_seen);
+                   clipping_sentence(status, {found.torque_limit_Nm, asked_Nm}));
+        report.add("sides_confirmed", "probe: left and right confirmed", found.pose_seen, "",
+                   sides_sentence(status));
         const WheelPair<double> unexplained = sim.cycle().learning().run().estimator().unexplained();
         report.add("unexplained_percent", "slow acceleration left unexplained",
                    100 * std::max(unexplained.left, unexplained.right), "%",
@@ -147,7 +152,8 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         report.add("amplitude_Nm", "chosen: amplitude", sizing.amplitude_Nm, "Nm");
         report.add("bit_time_s", "chosen: bit", sizing.bit_time_s, "s");
         report.add("speed_limit_m_per_s", "chosen: speed limit", sizing.speed_limit_m_per_s, "m/s");
-        report.add("yaw_rate_limit_rad_per_s", "chosen: yaw rate limit", sizing.yaw_rate_limit_rad_per_s, "rad/s");
+        report.add("yaw_rate_limit_rad_per_s", "chosen: yaw rate limit", sizing.yaw_rate_limit_rad_per_s,
+                   "rad/s");
         if (!result.succeeded) add_hindrance(sim, report);
         report.add("duration_s", "after", result.duration_s, "s");
         report.add("delay_s", "actuation delay", result.delay_s, "s");
