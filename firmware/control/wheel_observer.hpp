@@ -334,14 +334,14 @@ struct VelocityLoopSpeed {
 // - delay: a loop needs some fourteen times its delay to settle (where an effect makes the torque later, this
 //   bounds a given time too);
 // - encoders: what is left of their noise in the true speed, after a loop that settles in t,
-//   r sigma sqrt(T) (4.6 / t)^1.5, shall be a hundredth of a step that the torque can give in t, 0.3 t a;
+//   r sigma sqrt(T) (4.6 / t)^1.5, shall be 0.6 % of a step that the torque can give in t, 0.3 t a;
 // - fifty cycles, so that a loop is seen as continuous.
 // The observer is as much faster than the loop as a filter of three poles in it needs to cost little phase.
 inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from, double cycle_s) {
     constexpr double kSettlingPerDelay = 14;
     constexpr double kFewestCycles = 50;
     constexpr double kObserverPerSettling = 12.5;
-    constexpr double kRippleShare = 0.01;
+    constexpr double kRippleShare = 0.006;
     constexpr double kStepShare = 0.3;
     const auto& loop = from.velocity_loop;
     const double effects_s = model::effects_delay_s(from.effects);

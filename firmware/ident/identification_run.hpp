@@ -247,7 +247,7 @@ class IdentificationRun {
             } else if (state_ == IdentState::estimating && still_good()) {
                 succeed(coupling_still_good() ? IdentCause::good_enough : IdentCause::coupling_not_known);
             } else {
-                stop(IdentCause::time_over);
+                stop(unexplained() > kTooMuchUnexplained ? IdentCause::model_incomplete : IdentCause::time_over);
             }
         } else if (!(excitation_.distance_m(pose) <= limits.distance_limit_m)) {
             stop(state_ == IdentState::probing ? IdentCause::no_room : IdentCause::area_left);

@@ -7,7 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <numeric>
+#include <utility>
 
 #include "firmware/ident/probe.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
@@ -68,7 +68,11 @@ inline constexpr double kBlockShare = 0.7;  // of a bit
 inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
     const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
     int block = std::max(6, static_cast<int>(std::lround(kBlockShare * bit)));
-    while (std::gcd(block, bit) != 1) ++block;
+    const auto share_a_factor = [](int a, int b) {  // Euclid
+        while (b != 0) a = std::exchange(b, a % b);
+        return a != 1;
+    };
+    while (share_a_factor(block, bit)) ++block;
     return 1.5 * block * sample_time_s;
 }
 

@@ -175,12 +175,12 @@ TEST(Identification, names_the_limit_that_stopped_it) {
     options.estimator.relative_standard_error = 1e-5;
     identify(run, options, truth, 1);
     CHECK(run.state() == ident::IdentState::stopped_by_limit);
-    CHECK(run.limit() == ident::IdentLimit::time);
+    CHECK(run.cause() == ident::IdentCause::time_over);
 
     // somebody carries the robot away
     run.start(options_for<double>(truth), {}, 1);
     run.step({}, {1.6, 0, 0}, {});
-    CHECK(run.limit() == ident::IdentLimit::distance);
+    CHECK(run.cause() == ident::IdentCause::area_left);
 
     // a pose that is not a number is no pose within the limit
     run.start(options_for<double>(truth), {}, 1);
@@ -189,12 +189,12 @@ TEST(Identification, names_the_limit_that_stopped_it) {
 
     run.start(options_for<double>(truth), {}, 1);
     run.step({}, {}, {1.1, 0});
-    CHECK(run.limit() == ident::IdentLimit::speed);
+    CHECK(run.cause() == ident::IdentCause::too_fast);
 
     // a torque that never arrives: the wheels do not move
     run.start(options_for<double>(truth), {}, 1);
     while (!run.finished()) run.step({}, {}, {});
-    CHECK(run.limit() == ident::IdentLimit::delay);
+    CHECK(run.cause() == ident::IdentCause::delay_not_found);
 }
 
 TEST_GROUP(SharedEffects){};

@@ -86,8 +86,6 @@ void catch_interrupt() {
 bool interrupted() { return g_interrupted != 0; }
 void forget_interrupt() { g_interrupted = 0; }
 
-void forget_interrupt() { g_interrupted = 0; }
-
 void sleep_until(std::int64_t deadline_ns) {
     timespec until{};
     until.tv_sec = deadline_ns / 1'000'000'000;
