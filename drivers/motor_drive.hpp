@@ -18,11 +18,12 @@ namespace wheelwright::drivers {
 enum class Wheel : std::uint8_t { left, right };
 
 enum class DriveState : std::uint8_t {
-    silent,  // nothing heard within the heartbeat time-out
-    idle,    // alive, delivers no torque
-    arming,  // on the way from idle to armed, or back
-    armed,   // follows torque commands
-    fault,   // reports an error or has left the armed state by itself
+    silent,            // nothing heard within the heartbeat time-out
+    idle,              // alive, delivers no torque
+    arming,            // on the way from idle to armed, or back
+    armed,             // follows torque commands
+    fault,             // reports an error or has left the armed state by itself
+    other_generation,  // its frames have the form of another generation than the robot file says
 };
 
 enum class ArmRefusal : std::uint8_t {
@@ -31,6 +32,7 @@ enum class ArmRefusal : std::uint8_t {
     drive_error,
     watchdog_not_confirmed,  // the drive's own command watchdog is not known to be on
     timed_out,
+    other_generation,
 };
 
 // Why a drive is, or was last, in the state fault or silent.
@@ -128,6 +130,8 @@ constexpr std::string_view to_string_view(DriveState state) {
             return "armed";
         case DriveState::fault:
             return "fault";
+        case DriveState::other_generation:
+            return "other_generation";
     }
     return "unknown";
 }
@@ -144,6 +148,8 @@ constexpr std::string_view to_string_view(ArmRefusal refusal) {
             return "watchdog_not_confirmed";
         case ArmRefusal::timed_out:
             return "timed_out";
+        case ArmRefusal::other_generation:
+            return "other_generation";
     }
     return "unknown";
 }

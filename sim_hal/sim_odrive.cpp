@@ -402,6 +402,7 @@ void SimOdrive::send_heartbeat(drivers::FrameSink& out) const {
         gen5::Heartbeat heartbeat;
         heartbeat.axis_error = error_;
         heartbeat.axis_state = static_cast<gen5::AxisState>(axis_state_);
+        heartbeat.trajectory_done_flag = true;  // as from power-on on, while nobody asks for a trajectory
         send(heartbeat, out);
     }
 }

@@ -167,6 +167,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
     if (frame.extended || frame.error || frame.fd || frame.id >> 5U != config_.node) return false;
     if (frame.remote) {  // only hosts send these
         ++counters_.foreign_commands;
+        asked_by_others_ = true;
         return true;
     }
     switch (frame.id & 0x1FU) {
@@ -190,7 +191,11 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
             break;
         }
         case gen6::GetTorques::command: {
-            if (config_.generation != OdriveGeneration::v0_6) break;
+            if (config_.generation != OdriveGeneration::v0_6) {
+                // In 0.5 this number is the answer to a question, and never comes by itself.
+                other_generation_ = other_generation_ || !asked_by_others_;
+                break;
+            }
             gen6::GetTorques torques;
             if (!decode(frame, torques)) break;
             feedback_.torque_Nm = double{torques.torque_estimate_Nm} * wheel_per_motor_torque_;
@@ -232,6 +237,18 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
     return true;
 }
 
+// What the other generation's heartbeats have and the configured one's cannot have. Not every heartbeat
+// tells: an idle drive's first five bytes mean the same in both.
+bool OdriveDrive::is_of_other_generation(const hal::CanFrame& heartbeat) const {
+    constexpr std::uint8_t kFlag = 1;
+    if (config_.generation == OdriveGeneration::v0_5) {
+        // 0.6: the highest error bits, such as that of an expired watchdog; results of calibrations as a
+        // number.
+        return heartbeat.data[3] != 0 || heartbeat.data[5] > kFlag;
+    }
+    return heartbeat.data[7] != 0;  // 0.5: "trajectory done", set from power-on in torque control
+}
+
 void OdriveDrive::take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns) {
     if (config_.generation == OdriveGeneration::v0_5) {
         gen5::Heartbeat heartbeat;
@@ -246,6 +263,7 @@ void OdriveDrive::take_heartbeat(const hal::CanFrame& frame, std::int64_t time_n
         feedback_.error_bits = heartbeat.axis_error;
         axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
     }
+    other_generation_ = other_generation_ || is_of_other_generation(frame);
     feedback_.heartbeat_time_ns = time_ns;
     silent_ = false;
     judge_heartbeat(time_ns);
@@ -327,6 +345,10 @@ void OdriveDrive::begin_arming() {
     refusal_ = ArmRefusal::none;
     if (silent_) {
         refusal_ = ArmRefusal::silent;
+        return;
+    }
+    if (other_generation_) {
+        refusal_ = ArmRefusal::other_generation;
         return;
     }
     if (!config_.watchdog_assured && !can_ask_watchdog()) {
@@ -438,6 +460,7 @@ DriveState OdriveDrive::state() const {
     if (silent_) return DriveState::silent;
     if (phase_ == Phase::armed) return DriveState::armed;
     if (phase_ == Phase::arming) return DriveState::arming;
+    if (other_generation_) return DriveState::other_generation;
     if (fault_ != DriveFault::none || has_idle_error()) return DriveState::fault;
     if (to_idle_) return DriveState::arming;
     return DriveState::idle;

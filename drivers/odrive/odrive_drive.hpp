@@ -105,6 +105,7 @@ class OdriveDrive final : public MotorDrive {
     void send_motor_torque(double motor_torque_Nm, FrameSink& out);
 
     void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
+    bool is_of_other_generation(const hal::CanFrame& heartbeat) const;
     void judge_heartbeat(std::int64_t time_ns);
     void take_requests(FrameSink& out);
     void begin_arming();
@@ -135,7 +136,9 @@ class OdriveDrive final : public MotorDrive {
     ArmRefusal refusal_ = ArmRefusal::none;
     DriveFault fault_ = DriveFault::none;
     std::uint32_t axis_state_ = 0;
-    bool other_error_ = false;  // 0.5: motor, encoder or controller holds an error
+    bool other_error_ = false;       // 0.5: motor, encoder or controller holds an error
+    bool other_generation_ = false;  // a frame had a form that the configured generation does not have
+    bool asked_by_others_ = false;
     bool silent_ = true;
 
     bool arm_requested_ = false;

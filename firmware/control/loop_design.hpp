@@ -58,22 +58,19 @@ struct LoopDesignRequest {
 
 template <typename Real>
 LoopDesignRequest<Real> loop_design_request(const model::RobotParameters& from, Real cycle_s) {
-    // Where an effect makes the torque later, no more is asked than such a delay allows: some twelve times
-    // it.
-    constexpr double kSettlingPerDelay = 14;
     const auto& loop = from.velocity_loop;
-    const double more_s = model::effects_delay_s(from.effects);
-    const double delay_s = loop.actuation_delay_s + more_s;
+    const double delay_s = loop.actuation_delay_s + model::effects_delay_s(from.effects);
+    const VelocityLoopSpeed speed = velocity_loop_speed(from, double(cycle_s));
     return {
         loop.method,
-        Real(more_s > 0 ? std::max(loop.settling_time_s, kSettlingPerDelay * delay_s) : loop.settling_time_s),
+        Real(speed.settling_time_s),
         Real(loop.damping),
         Real(loop.setpoint_weight),
         Real(loop.phase_margin_deg),
         Real(loop.sensitivity_peak),
         cycle_s,
         Real(delay_s),
-        Real(loop.observer_bandwidth_rad_per_s),
+        Real(speed.observer_bandwidth_rad_per_s),
         Real(from.drive.encoder_period_ms) / 1000};
 }
 

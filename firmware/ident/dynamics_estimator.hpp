@@ -141,6 +141,15 @@ class DynamicsEstimator {
                k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
     }
 
+    // How much of the slow acceleration, over runs of rows in which the sensors' noise cancels, the model leaves
+    // unexplained: RMS over RMS, of y1 and y2. 0 until there is enough.
+    WheelPair<Real> unexplained() const {
+        const auto share = [](const Equation& e) {
+            return e.motion_power > 0 ? std::sqrt(e.residual_power / e.motion_power) : Real(0);
+        };
+        return {share(equation_[0]), share(equation_[1])};
+    }
+
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
     TwistRate<Real> residual_variance() const {
         return {equation_[0].errors.residual_variance(), equation_[1].errors.residual_variance()};
@@ -158,6 +167,10 @@ class DynamicsEstimator {
     static constexpr double kTimingMemory_s = 0.8;  // how long the data tell a delay that wanders
     // Standard errors from fewer are too uncertain to stop on.
     static constexpr std::uint32_t kRowsToJudge = 500;
+    static constexpr int kRunRows = 16;
+    // Of what the model does not explain, how much may go with the torque and so be taken for K7 or K8: the cosine
+    // between the two, for effects that the torque does not know of.
+    static constexpr double kShareInGain = 0.1;
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     using Vector = std::array<Real, kSize>;
     using Errors = ScoreErrors<Real, kSize - kTiming>;
@@ -170,6 +183,9 @@ class DynamicsEstimator {
         UdRls<Real, kSize, true> rls;
         Errors errors;
         ExcitationMonitor<Real, kSize> monitor;
+        Real run_residual = 0, run_motion = 0;  // of the last rows
+        Real residual_power = 0, motion_power = 0;
+        int run = 0;
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
         Real torque_error{};
@@ -219,6 +235,16 @@ class DynamicsEstimator {
         std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
         equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
+        equation.run_residual += innovation;
+        equation.run_motion += y;
+        if (++equation.run == kRunRows) {
+            if (estimate_.rows > kRowsToJudge / 2) {
+                equation.residual_power += equation.run_residual * equation.run_residual;
+                equation.motion_power += equation.run_motion * equation.run_motion;
+            }
+            equation.run_residual = equation.run_motion = 0;
+            equation.run = 0;
+        }
     }
 
     // A random walk so large that the data of kTimingMemory_s tell it: the window over which a parameter with
@@ -330,11 +356,15 @@ class DynamicsEstimator {
                                 linear.monitor.excitation(kTorque, p.k7_per_kg_m),
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
-        const Real systematic = options_.dry_share * options_.dry_share * filter_.slow_share();
+        const Real reversal = options_.dry_share * options_.dry_share * filter_.slow_share();
+        const WheelPair<Real> missing = unexplained();
+        const auto widened = [&](Real error, Real k, Real share) {
+            return std::hypot(error, k * reversal, k * static_cast<Real>(kShareInGain) * share);
+        };
         estimate_.standard_error = {
             linear.velocity_product_error, turning.velocity_product_error,
-            std::hypot(linear.torque_error, systematic * estimate_.dynamics.k7_per_kg_m),
-            std::hypot(turning.torque_error, systematic * estimate_.dynamics.k8_per_kg_m2)};
+            widened(linear.torque_error, estimate_.dynamics.k7_per_kg_m, missing.left),
+            widened(turning.torque_error, estimate_.dynamics.k8_per_kg_m2, missing.right)};
         publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;

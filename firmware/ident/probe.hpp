@@ -120,6 +120,11 @@ class Probe {
   private:
     enum class Stage : std::uint8_t { rest, left, right, forward, turning, pulses, pause, done };
 
+    // A motion of the robot.
+    struct Way {
+        double forward_m, turn_rad;
+    };
+
     // Seconds below are of a person's patience and of the drives' delay, of which none is longer than 6 ms.
     static constexpr double kRest_s = 0.4;
     static constexpr double kRamp_s = 2.0;       // from zero to the torque limit
@@ -134,12 +139,21 @@ class Probe {
     static constexpr double kNoises = 8;         // and of the noise
     static constexpr double kFree = 0.15;        // of its own push that a wheel on the ground drags the other with
     static constexpr double kFreeRatio = 2.2;    // and no drive is so much weaker than the other
+    static constexpr double kReportAge_s = 0.004;   // about: lag, bus, and the cycle's own age
+    static constexpr double kSteadyRamp_s = 0.15;   // then the age is a small share of the ramp
+    static constexpr double kWorstConstant = 0.75;  // reported over asked
+    static constexpr std::uint32_t kFewestReports = 4;
+    static constexpr double kMovesAtAll = 1.5;      // friction, in a torque that still moves the robot
     static constexpr double kUnclipped = 0.97;   // of what was asked
     static constexpr double kSure = 4;           // standard errors
     static constexpr double kMostFriction = 0.8; // of a torque, that pulses still move against
     static constexpr double kFitShare = 0.9;     // of a pulse; at its end the wheel may stand
     static constexpr double kShortestFit_s = 0.010;
     static constexpr double kLongestPulse_s = 0.25;
+    static constexpr double kPushesRoomShare = 0.2;  // of the room, for all pushes forward
+    static constexpr int kFewestPushes = 2;
+    static constexpr int kMostPushes = 8;
+    static constexpr int kMostHalvings = 6;
     static constexpr std::size_t kFewestPulses = 3;
     static constexpr std::size_t kMostPulses = 8;
     static constexpr std::size_t kSpeedSpan = 16;
@@ -232,7 +246,19 @@ class Probe {
             return end(found_.breakaway_Nm.left > 0 ? IdentCause::right_wheel_does_not_turn : IdentCause::too_heavy);
         }
         torque_ = right ? WheelPair<double>{0, torque} : WheelPair<double>{torque, 0};
-        if (stage_s() > kRamp_s / 2) compare_report(kSettle_s);
+        if (stage_s() > kSteadyRamp_s) compare_report(0);
+    }
+
+    // Third differences over a few samples: what is smooth, even a torque's noise, leaves next to nothing in them.
+    void measure_noise() {
+        const auto before = [&](std::size_t samples) { return ring_[(ring_at_ - 1 - samples) % kSpeedSpan]; };
+        const auto third = [&](double WheelPair<double>::* side) {
+            return before(0).*side - 3 * before(4).*side + 3 * before(8).*side - before(12).*side;
+        };
+        constexpr double kPower = 1 + 9 + 9 + 1;
+        const double left = third(&WheelPair<double>::left), right = third(&WheelPair<double>::right);
+        noise_power_.add((left * left + right * right) / (2 * kPower));
+        found_.angle_noise_rad = std::sqrt(noise_power_.mean());
     }
 
     // Until the robot stands for a while.
@@ -255,15 +281,25 @@ class Probe {
             if (!(found_.breakaway_Nm.left > 0)) return end(IdentCause::left_wheel_does_not_turn);
             note_pose(0);
         }
-        if (next == Stage::turning) note_pose(1);
-        if (next == Stage::pulses) {
+        if (next == Stage::turning && stage_before_ == Stage::forward) note_pose(1);
+        if (next == Stage::pulses && level_Nm_ == 0) {
             note_pose(2);
             if (judge_pose() || judge_coupling()) return;
         }
-        if (next == Stage::done) return judge_pulses();
+        if (next == Stage::done) return end(IdentCause::none);
+        if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {
+            choose_push();
+            pushes_ = 0;
+            answered_ = {};
+            rubbed_ = {};
+            push_begin_ = angle_;
+        }
+        stage_before_ = next;
         go(next);
-        if (next == Stage::forward || next == Stage::turning) choose_push();
-        if (next == Stage::pulses) choose_pulse();
+        if (next == Stage::pulses) {
+            if (level_Nm_ == 0) level_Nm_ = tried_Nm();
+            choose_pulse();
+        }
     }
     static double brake_Nm(double breakaway_Nm, double speed, double slow) {
         return breakaway_Nm * std::clamp(speed / (2 * slow), -1.0, 1.0);
@@ -295,13 +331,15 @@ class Probe {
             fit_[leg_][0].add(leg_s, angle_.left);
             fit_[leg_][1].add(leg_s, angle_.right);
             compare_report(2 * kSettle_s);
+            if (leg_s > 2 * kSettle_s) measure_noise();
         }
         if (leg_ == 0) {
             const bool quick = fastest > fast;
+            if (gentle_ > kMostHalvings) return end(IdentCause::no_room);
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
-                if (leg_s < kShortestPush_s && push_Nm_ > 1.2 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right) &&
-                    quick) {
-                    push_Nm_ /= 2;  // too quick to be seen: once more, gently
+                if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
+                    push_Nm_ = std::max(push_Nm_ / 2, 1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
+                    ++gentle_;
                     fit_ = {};
                     return rest_then(stage_);
                 }
@@ -326,13 +364,19 @@ class Probe {
         const auto sum = [&](std::size_t wheel, double radius) {
             return radius * (fit_[0][wheel].acceleration() + fit_[1][wheel].acceleration()) / 2;
         };
-        const WheelPair<double> d{response(0, r.left), response(1, r.right)};
+        answered_[0].add(response(0, r.left));
+        answered_[1].add(response(1, r.right));
+        rubbed_.add(-(sum(0, r.left) + sum(1, r.right)) / 2);
+        fit_ = {};
+        // again, until an external pose can tell that way from its noise
+        if (++pushes_ < kMostPushes && (pushes_ < kFewestPushes || !pose_would_tell(turning)) && room_left())
+            return rest_then(stage_);
+        const WheelPair<double> d{answered_[0].mean(), answered_[1].mean()};
         if (!turning) {
             forward_ = d;
             // what is left beside the torque's share is friction's
             const double both = (d.left + d.right) / 2;
-            const double rub = -(sum(0, r.left) + sum(1, r.right)) / 2;
-            found_.friction_Nm = both > 0 ? std::max(0.0, rub / both) : 0;
+            found_.friction_Nm = both > 0 ? std::max(0.0, rubbed_.mean() / both) : 0;
             found_.k7_per_kg_m = both / 2;
         } else {
             turning_ = d;
@@ -340,13 +384,24 @@ class Probe {
             found_.pushed_m_per_s2_Nm = {(forward_.left - d.left) / 2, (forward_.right + d.right) / 2};
             found_.dragged_m_per_s2_Nm = {(forward_.left + d.left) / 2, (forward_.right - d.right) / 2};
         }
-        double variance = 0;
-        for (const auto& leg : fit_)
-            for (const Parabola& wheel : leg) variance = std::max(variance, wheel.residual_variance());
-        found_.angle_noise_rad = std::max(found_.angle_noise_rad, std::sqrt(variance));
-        fit_ = {};
         rest_then(turning ? Stage::pulses : Stage::turning);
     }
+    // How the wheels have gone in this stage.
+    Way stage_way() const {
+        const auto& r = options_.geometry.wheel_radius_m;
+        const double left = r.left * (angle_.left - push_begin_.left);
+        const double right = r.right * (angle_.right - push_begin_.right);
+        return {(left + right) / 2, (right - left) / options_.geometry.track_m};
+    }
+    bool pose_would_tell(bool turning) const {
+        if (poses_[0] == 0) return true;
+        const Way way = stage_way();
+        constexpr double kTells = 20;  // of an averaged pose's noise
+        const double shrink = std::sqrt(static_cast<double>(poses_[0]));
+        return turning ? std::abs(way.turn_rad) > kTells * options_.heading_noise_rad / shrink
+                       : std::abs(way.forward_m) > kTells * options_.pose_noise_m / shrink;
+    }
+    bool room_left() const { return std::abs(stage_way().forward_m) < kPushesRoomShare * options_.distance_limit_m; }
 
     // A wheel in the air turns without taking the other one, or the robot, with it.
     bool judge_coupling() {
@@ -356,7 +411,7 @@ class Probe {
             end(own.left > own.right ? IdentCause::right_wheel_does_not_turn : IdentCause::left_wheel_does_not_turn);
             return true;
         }
-        const double scale = std::sqrt(own.left * own.right);
+        const double scale = std::max(own.left, own.right);
         const bool apart = std::max(std::abs(other.left), std::abs(other.right)) < kFree * scale;
         if (apart && own.left > kFreeRatio * own.right) return end(IdentCause::left_wheel_off_ground), true;
         if (apart && own.right > kFreeRatio * own.left) return end(IdentCause::right_wheel_off_ground), true;
@@ -379,10 +434,6 @@ class Probe {
         wheels_[at] = angle_;
         forget_poses();
     }
-    // How the robot moved, forward and turned, by the poses and by the wheels, between two of them.
-    struct Way {
-        double forward_m, turn_rad;
-    };
     Way seen(std::size_t from) const {
         const Pose<double>& a = pose_[from];
         const Pose<double>& b = pose_[from + 1];
@@ -426,14 +477,14 @@ class Probe {
     // and all again. The first pulse of a pair lasts for pulse_s_, the second until friction and torque have
     // stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
     void choose_pulse() {
-        const double friction = std::min(2 * found_.friction_Nm / tried_Nm(), kMostFriction);  // at half amplitude
+        const double friction = std::min(2 * found_.friction_Nm / level_Nm_, kMostFriction);  // at half amplitude
         const double fast = kSpeedShare * options_.speed_limit_m_per_s;
-        const double wanted_s = fast / (2 * tried_Nm() * found_.k7_per_kg_m);
+        const double wanted_s = fast / (2 * level_Nm_ * found_.k7_per_kg_m);
         const double shortest_s = (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
         pulse_s_ = std::clamp(wanted_s, shortest_s, std::max(shortest_s, kLongestPulse_s));
         begin_pulse();
     }
-    double pulse_Nm() const { return leg_ / 4 % 2 == 0 ? tried_Nm() : tried_Nm() / 2; }
+    double pulse_Nm() const { return leg_ / 4 % 2 == 0 ? level_Nm_ : level_Nm_ / 2; }
     void begin_pulse() {
         constexpr std::array<double, 4> kSense{1, -1, -1, 1};
         const double friction = std::min(found_.friction_Nm / pulse_Nm(), kMostFriction);
@@ -459,7 +510,7 @@ class Probe {
         }
         ++leg_;
         if (leg_ % 8 == 0 && (leg_ >= 8 * kMostPulses || (leg_ >= 8 * kFewestPulses && pulses_tell())))
-            return rest_then(Stage::done);
+            return judge_pulses();
         begin_pulse();
     }
     struct Ratio {
@@ -475,21 +526,35 @@ class Probe {
     }
     bool pulses_tell() const { return std::max(ratio_of(0).error, ratio_of(1).error) < (1 - kUnclipped) / kSure; }
 
+    // Where the whole amplitude answers with less than twice the half, half of it may be clipped too: once more from
+    // there, until a torque is found that nothing clips. The first answer over the last says what arrives.
     void judge_pulses() {
-        double worst = 1;
+        double ratio = 1, answer = 0;
         for (std::size_t wheel = 0; wheel < 2; ++wheel) {
-            const Ratio ratio = ratio_of(wheel);
-            if (ratio.value < kUnclipped && ratio.value + kSure * ratio.error < 1) worst = std::min(worst, ratio.value);
+            const Ratio r = ratio_of(wheel);
+            if (r.value < kUnclipped && r.value + kSure * r.error < 1) ratio = std::min(ratio, r.value);
+            answer += answer_[0][wheel].mean() / 2;
         }
-        const double by_motion_Nm = worst * tried_Nm();
-        found_.clipped_by_report = found_.reports && reported_limit_Nm_ < kUnclipped * tried_Nm();
-        found_.clipped = found_.clipped_by_report || worst < 1;
-        if (found_.clipped_by_report) found_.torque_limit_Nm = reported_limit_Nm_;
-        if (worst < 1) found_.torque_limit_Nm = std::min(found_.torque_limit_Nm, by_motion_Nm);
-        end(IdentCause::none);
+        if (level_Nm_ == tried_Nm()) first_answer_ = answer;
+        found_.clipped_by_report = found_.reports && reported_limit_Nm() < kUnclipped * tried_Nm();
+        if (found_.clipped_by_report) {
+            found_.clipped = true;
+            found_.torque_limit_Nm = reported_limit_Nm();
+        } else if (ratio < 1) {
+            found_.clipped = true;
+            level_Nm_ /= 2;
+            answer_ = {};
+            if (!(level_Nm_ / 2 > kMovesAtAll * found_.friction_Nm)) return end(IdentCause::torque_not_followed);
+            return rest_then(Stage::pulses);
+        } else if (found_.clipped) {
+            found_.torque_limit_Nm = tried_Nm() * first_answer_ / answer;
+        }
+        rest_then(Stage::done);
     }
 
-    // A drive's report against what it was told for `since_s` at least.
+    // What the drives say against what they were told for `since_s` at least; on a ramp, what they were told when
+    // they measured. The ratio is a wrong torque constant where it is the same for all torques, and clipping where
+    // it falls.
     void compare_report(double since_s) {
         const WheelPair<double>& told = torque_;
         const bool same = told.left == told_before_.left && told.right == told_before_.right;
@@ -499,17 +564,27 @@ class Probe {
         if (!ramping && steady_cycles_ * options_.sample_time_s < since_s) return;
         for (std::size_t wheel = 0; wheel < 2; ++wheel) {
             if (!report_is_new_[wheel]) continue;
-            const double asked = wheel == 0 ? told.left : told.right;
+            double asked = wheel == 0 ? told.left : told.right;
             if (asked == 0) continue;
             found_.reports = true;
+            if (ramping) asked *= 1 - kReportAge_s / stage_s();
             const double got = (wheel == 0 ? report_.left : report_.right) / asked;
-            const double size = std::abs(asked);
-            if (!ramping && size < 0.6 * tried_Nm()) ratio_.add(got);
-            const double ratio = ratio_.count() > 3 ? ratio_.mean() : 1.0;
-            if (!ramping && got < kUnclipped * ratio)
-                reported_limit_Nm_ = std::min(reported_limit_Nm_, std::max(got, 0.0) * size / ratio);
+            const std::size_t level = ramping                   ? 0
+                                      : stage_ != Stage::pulses ? 1
+                                      : pulse_Nm() < level_Nm_  ? 2
+                                                                : 3;
+            reported_[level].add(got);
         }
-        if (ratio_.count() > 3) found_.report_ratio = ratio_.mean();
+        found_.report_ratio = 1;
+        double highest = 0;
+        for (const Mean& level : reported_)
+            if (level.count() >= kFewestReports) highest = std::max(highest, level.mean());
+        // no torque constant is that wrong: all torques were clipped
+        if (highest > kWorstConstant && highest < 1 / kWorstConstant) found_.report_ratio = highest;
+    }
+    double reported_limit_Nm() const {
+        const Mean& whole = reported_[3];
+        return whole.count() < kFewestReports ? 1e300 : whole.mean() / found_.report_ratio * tried_Nm();
     }
 
     ProbeOptions options_{};
@@ -531,8 +606,15 @@ class Probe {
     std::array<Parabola, 2> pulse_fit_{};
     WheelPair<double> forward_, turning_;
     std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
-    Mean ratio_;
-    double reported_limit_Nm_ = 1e300;
+    Mean noise_power_;
+    WheelPair<double> push_begin_;
+    std::array<Mean, 2> answered_{};
+    Mean rubbed_;
+    int pushes_ = 0, gentle_ = 0;
+    Stage stage_before_ = Stage::done;
+    double level_Nm_ = 0;         // of the whole pulses
+    double first_answer_ = 0;     // to those at the torque that was to be tried
+    std::array<Mean, 4> reported_{};  // over asked: ramps, pushes, half pulses, whole pulses
     Pose<double> pose_sum_;
     double first_heading_rad_ = 0;
     std::uint32_t pose_count_ = 0;

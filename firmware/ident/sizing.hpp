@@ -41,13 +41,13 @@ inline constexpr double kBrakingShare = 0.15;
 // the overrides choose the torque instead of the sequence.
 inline constexpr double kBitShare = 0.35;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
-inline constexpr double kShortestBit_s = 0.010;
+inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
-// A torque that moves a robot at all against its friction, and one that moves it enough to learn from.
-inline constexpr double kMovesAtAll = 1.15;
+// Of the friction: a torque that moves a robot enough to learn from.
 inline constexpr double kMovesEnough = 1.5;
-// Below the torque at which a drive clips.
-inline constexpr double kBelowClipping = 0.95;
+// Below the torque at which a drive clips, as it says itself, and as the motion says.
+inline constexpr double kBelowReported = 0.95;
+inline constexpr double kBelowSeen = 0.9;
 
 // Speed limits by themselves, before anything is known of the robot but its file.
 inline double speed_limit_m_per_s(const SizingRequest& r) {
@@ -72,6 +72,13 @@ inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
     return 1.5 * block * sample_time_s;
 }
 
+// A limit that the measured speed's own noise would cross is none. Taken over 4 ms, the observer's time.
+inline constexpr double kLeastSpeedOverNoise = 10;
+inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& found) {
+    constexpr double kObserver_s = 0.004;
+    return r.radius_m * found.angle_noise_rad / kObserver_s;
+}
+
 inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& found) {
     using protocol::IdentCause;
     Sizing s;
@@ -79,9 +86,10 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     const double k8 = found.k8_per_kg_m2;
     const double friction = found.friction_Nm;
     s.amplitude_Nm = std::min(r.amplitude_Nm > 0 ? r.amplitude_Nm : r.torque_limit_Nm, r.torque_limit_Nm);
-    if (found.clipped) s.amplitude_Nm = std::min(s.amplitude_Nm, kBelowClipping * found.torque_limit_Nm);
-    if (!(s.amplitude_Nm > kMovesAtAll * friction)) {
-        s.obstacle = IdentCause::too_heavy;
+    if (found.clipped) s.amplitude_Nm = std::min(
+            s.amplitude_Nm, (found.clipped_by_report ? kBelowReported : kBelowSeen) * found.torque_limit_Nm);
+    if (!(s.amplitude_Nm > kMovesEnough * friction)) {
+        s.obstacle = found.clipped ? IdentCause::torque_not_followed : IdentCause::too_heavy;
         return s;
     }
     const double braking = 2 * (s.amplitude_Nm + friction) * k7;
@@ -90,6 +98,10 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
         s.speed_limit_m_per_s =
             std::min(s.speed_limit_m_per_s, std::sqrt(2 * braking * kBrakingShare * r.distance_limit_m));
     s.yaw_rate_limit_rad_per_s = yaw_rate_limit_rad_per_s(r, s.speed_limit_m_per_s);
+    if (s.speed_limit_m_per_s < kLeastSpeedOverNoise * speed_noise_m_per_s(r, found)) {
+        s.obstacle = IdentCause::no_room;
+        return s;
+    }
 
     s.dry_share = friction / s.amplitude_Nm;
     const auto bit_at = [&](double amplitude) {

@@ -147,8 +147,8 @@ void Cycle::observe() {
     }
 
     const auto age_ns = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
-    sample_.usable = observer_.angles_at(time_.scheduled_ns - age_ns, sample_.angle_rad) &&
-                     time_.missed == 0 && !slip_.slipping(time_.scheduled_ns);
+    angles_known_ = observer_.angles_at(time_.scheduled_ns - age_ns, sample_.angle_rad) && time_.missed == 0;
+    sample_.usable = angles_known_ && !slip_.slipping(time_.scheduled_ns);
     sample_.last_torque_Nm = sent_torque_Nm_;
     sample_.heading_rad = odometry_.pose().heading_rad;
     observer_.set_heading(sample_.heading_rad);
@@ -372,7 +372,7 @@ void Cycle::decide() {
 WheelPair<double> Cycle::identify(const MotionInputs& now) {
     ident::ProbeSample senses;
     senses.angle_rad = sample_.angle_rad;
-    senses.usable = sample_.usable;
+    senses.usable = angles_known_;  // swapped wheels look like slip; the probe tells them apart
     const std::array<const drivers::DriveFeedback*, 2> feedback{&ports_.left.feedback(),
                                                                 &ports_.right.feedback()};
     senses.reported_Nm = {feedback[0]->torque_Nm, feedback[1]->torque_Nm};

@@ -150,6 +150,7 @@ class Cycle {
     WheelPair<double> sent_torque_Nm_;
     bool effects_measured_ = false;
     bool model_known_ = false;
+    bool angles_known_ = false;
     bool was_armed_ = false;
     bool was_ramping_ = false;
     bool drives_wanted_ = false;

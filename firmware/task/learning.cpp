@@ -117,6 +117,7 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     if (run_.delay().valid)
         put("velocity_loop.actuation_delay_s",
             run_.delay().delay_s - sample_age_s_ - model::effects_delay_s(live.effects));
+    put("velocity_loop.angle_noise_rad", run_.probe().findings().angle_noise_rad);
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!e.effects.active[i]) continue;
         const auto& parameters = model::kEffects[i].parameters;
@@ -163,6 +164,7 @@ protocol::IdentStatus Learning::status() const {
     if (!started_) return status;
     status.phase = static_cast<protocol::IdentPhase>(static_cast<unsigned>(run_.state()) + 1);
     status.cause = run_.cause();
+    status.model_incomplete = run_.model_incomplete();
     status.torque_clipped = run_.probe().findings().clipped;
     status.sides_confirmed = run_.probe().findings().pose_seen;
     status.delay_s = std::max(run_.delay().delay_s - sample_age_s_, 0.0);

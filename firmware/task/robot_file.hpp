@@ -75,7 +75,10 @@ struct FileChange {
 // 0.3, not 0.30000001192092896.
 std::optional<FileChange> file_change(std::uint16_t index, double value);
 
-// `text` with these values in place: comments, order, spelling and every other byte stay. A key that is
+// `text` with these values in place: order, spelling and every other byte stay. So do comments, but one
+// behind a value that changes is turned into a note of the former value, as it was written about that: "# was
+// 0.32: taped"
+// ("# was 0.32: ..." stays as it is at the next change). A key that is
 // missing is added at the end of its table, a table that is missing at the end of the file. The result has
 // been parsed again and differs from `text` in these values only; otherwise `text` is unset and `error` says
 // why. Later changes of the same key win.

@@ -1,5 +1,6 @@
-// The writing half of robot_file.hpp. A value is replaced where toml++ says it stands; everything else is
-// copied byte for byte, and the outcome is parsed again before anybody gets it.
+// The writing half of robot_file.hpp. A value is replaced where toml++ says it stands, and a comment behind
+// it becomes a note of the former value; everything else is copied byte for byte, and the outcome is parsed
+// again before anybody gets it.
 #include <algorithm>
 #include <charconv>
 #include <cmath>
@@ -189,12 +190,40 @@ class Editor {
         return "";
     }
 
+    // Where the comment's text begins that stands on this line behind byte `at`; npos: there is none.
+    std::size_t comment_behind(std::size_t at) const {
+        char quote = 0;
+        for (; at < text_.size() && text_[at] != '\n'; ++at) {
+            const char c = text_[at];
+            if (quote != 0) {
+                if (c == '\\' && quote == '"') ++at;
+                if (c == quote) quote = 0;
+            } else if (c == '"' || c == '\'') {
+                quote = c;
+            } else if (c == '#') {
+                at = text_.find_first_not_of("# \t", at);
+                const bool empty = at == std::string::npos || text_[at] == '\n' || text_[at] == '\r';
+                return empty ? std::string::npos : at;
+            }
+        }
+        return std::string::npos;
+    }
+
+    // A comment was written about the value that it stands behind: it is kept as a note of that one.
+    void note_former(std::size_t begin, std::size_t end) {
+        constexpr std::string_view kWas = "was ";
+        const std::size_t comment = comment_behind(end);
+        if (comment == std::string::npos || std::string_view(text_).substr(comment).starts_with(kWas)) return;
+        text_.insert(comment, std::string(kWas) + text_.substr(begin, end - begin) + ": ");
+    }
+
     std::string replace(const toml::node& old, const FileValue& value) {
         if (holds(old, value)) return "";
         if (!old.is_value()) return "it holds a table or an array";
         const std::size_t begin = offset(old.source().begin);
         const std::size_t end = offset(old.source().end);
         if (begin >= end) return "its place in the file is not known";
+        note_former(begin, end);
         text_.replace(begin, end - begin, toml_text(value));
         return "";
     }

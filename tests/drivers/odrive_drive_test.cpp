@@ -215,6 +215,46 @@ TEST(OdriveArming, a_silent_drive_is_refused) {
     CHECK(b.drive.refusal() == ArmRefusal::silent);
 }
 
+// A robot file with the wrong generation: some frames have a form that the other one does not know.
+TEST(OdriveArming, frames_of_the_other_generation_are_told_and_refused) {
+    struct Case {
+        OdriveGeneration told;
+        std::uint32_t id;
+        std::initializer_list<int> bytes;
+        bool other;
+    };
+    using enum OdriveGeneration;
+    for (const Case& each : {
+             Case{v0_6,
+                  0x061,
+                  {0, 0, 0, 0, 1, 0, 0, 0x80},
+                  true},  // trajectory done, as in each heartbeat of 0.5
+             Case{v0_6, 0x061, {0, 0, 0, 0, 1, 0, 0, 1}, true},  // controller error
+             Case{v0_6,
+                  0x061,
+                  {0, 0, 0, 1, 1, 3, 1, 0},
+                  false},  // watchdog, result 3, trajectory done: 0.6 itself
+             Case{v0_6, 0x074, {0, 0, 0, 0, 0, 0, 0, 0}, false},     // both have currents
+             Case{v0_5, 0x061, {0, 0, 0, 1, 1, 0, 0, 0}, true},      // an expired watchdog of 0.6
+             Case{v0_5, 0x061, {0, 0, 0, 0, 1, 3, 0, 0}, true},      // result 3
+             Case{v0_5, 0x061, {0, 8, 0, 0, 1, 1, 1, 0x81}, false},  // watchdog and all flags: 0.5 itself
+             Case{v0_5, 0x07C, {0, 0, 0, 0, 0, 0, 0, 0}, true},      // torques
+         }) {
+        Bench b(config(each.told));
+        b.heartbeat(1);
+        b.cycle();
+        CHECK(b.drive.state() == DriveState::idle);
+        b.receive(each.id, each.bytes);
+        b.heartbeat(1);
+        CHECK_EQUAL(each.other, b.drive.state() == DriveState::other_generation);
+        b.cycle();
+        b.drive.request_arm();
+        b.cycle();
+        CHECK_EQUAL(each.other, b.drive.refusal() == ArmRefusal::other_generation);
+        CHECK_EQUAL(each.other, b.sent.count == 0);
+    }
+}
+
 TEST(OdriveArming, a_heartbeat_from_before_the_request_does_not_arm) {
     Bench b(config(OdriveGeneration::v0_6));
     b.heartbeat(1);

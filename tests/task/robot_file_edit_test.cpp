@@ -1,4 +1,5 @@
-// Writing values back into a robot file: everything else stays as the user wrote it.
+// Writing values back into a robot file: everything else stays as the user wrote it, but for comments behind
+// values that are no longer there.
 #include <fcntl.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -80,14 +81,14 @@ TEST_GROUP(RobotFileEdit){};
 TEST(RobotFileEdit, AValueIsReplacedAndNothingElse) {
     expect_edit("# my robot\n[geometry] # tape\n  track_m   =  0.32   # wall to wall\n\n# end\n",
                 {"geometry.track_m", 0.3187},
-                "# my robot\n[geometry] # tape\n  track_m   =  0.3187   # wall to wall\n\n# end\n");
+                "# my robot\n[geometry] # tape\n  track_m   =  0.3187   # was 0.32: wall to wall\n\n# end\n");
     expect_edit("[drive.left]\nnode = 0x01 # hex\n", {"drive.left.node", std::int64_t{17}},
-                "[drive.left]\nnode = 17 # hex\n");
+                "[drive.left]\nnode = 17 # was 0x01: hex\n");
     expect_edit("[safety]\nover_speed_reaction = 'coast'\n",
                 {"safety.over_speed_reaction", std::string("ramp")},
                 "[safety]\nover_speed_reaction = \"ramp\"\n");
     expect_edit("[drive]\nwatchdog_assured=true#!\n", {"drive.watchdog_assured", false},
-                "[drive]\nwatchdog_assured=false#!\n");
+                "[drive]\nwatchdog_assured=false#was true: !\n");
 }
 
 TEST(RobotFileEdit, ASpellingThatAlreadyMeansTheValueStays) {
@@ -96,10 +97,26 @@ TEST(RobotFileEdit, ASpellingThatAlreadyMeansTheValueStays) {
     expect_edit("[limits]\ntorque_Nm = 5\n", {"limits.torque_Nm", 5.0}, "[limits]\ntorque_Nm = 5\n");
 }
 
+// The reader of a saved file must not take the reason for the former value for that of the new one.
+TEST(RobotFileEdit, ACommentBehindAValueThatChangesTellsOfTheFormerOne) {
+    const std::string once = "[dynamics]\nk7_per_kg_m = 1.3  # was 1.40855: 1 / (9.466 kg x 0.075 m)\n";
+    expect_edit("[dynamics]\nk7_per_kg_m = 1.40855  # 1 / (9.466 kg x 0.075 m)\n",
+                {"dynamics.k7_per_kg_m", 1.3}, once);
+    expect_edit(once, {"dynamics.k7_per_kg_m", 1.2},
+                "[dynamics]\nk7_per_kg_m = 1.2  # was 1.40855: 1 / (9.466 kg x 0.075 m)\n");
+    expect_edit(once, {"dynamics.k7_per_kg_m", 1.3}, once);
+    expect_edit("[drive]\nleft = { node = 1, x = \"\\\"#1\", y = '#2' }\t## one\r\n",
+                {"drive.left.node", std::int64_t{3}},
+                "[drive]\nleft = { node = 3, x = \"\\\"#1\", y = '#2' }\t## was 1: one\r\n");
+    expect_edit("[geometry]\ntrack_m = 0.3 #\n# next\n", {"geometry.track_m", 0.29},
+                "[geometry]\ntrack_m = 0.29 #\n# next\n");
+}
+
 TEST(RobotFileEdit, PlacesAreRightBehindOtherLetters) {
-    expect_edit("# Größe µ\n[geometry] # ü\nwheel_radius_m = { left = 0.07, right = 0.08 } # é\n",
-                {"geometry.wheel_radius_m.right", 0.0791},
-                "# Größe µ\n[geometry] # ü\nwheel_radius_m = { left = 0.07, right = 0.0791 } # é\n");
+    expect_edit(
+        "# Größe µ\n[geometry] # ü\nwheel_radius_m = { left = 0.07, right = 0.08 } # é\n",
+        {"geometry.wheel_radius_m.right", 0.0791},
+        "# Größe µ\n[geometry] # ü\nwheel_radius_m = { left = 0.07, right = 0.0791 } # was 0.08: é\n");
     expect_edit("robot = { name = \"Mäuschen 🐭\" } # 🐭\ngeometry = { track_m = 0.3 }\n",
                 {"geometry.track_m", 0.29},
                 "robot = { name = \"Mäuschen 🐭\" } # 🐭\ngeometry = { track_m = 0.29 }\n");
@@ -200,7 +217,7 @@ TEST(RobotFileEdit, EveryParameterCanBeSetInEveryExample) {
             CHECK(change.has_value());
             const task::EditResult edited = task::set_values(before, std::array{*change});
             STRCMP_EQUAL("", edited.error.c_str());
-            CHECK(lost_bytes(before, *edited.text) <= 20);  // the old value at most
+            CHECK(lost_bytes(before, *edited.text) <= 60);  // the old value and the space behind it at most
             ++edits;
             const task::RobotFileResult fresh = task::parse_robot_file(*edited.text, name);
             if (!fresh.robot.has_value()) continue;  // contradicts another value, or [mass]
@@ -238,7 +255,7 @@ TEST(RobotFileEdit, RandomEditsKeepEveryLineThatIsNotTheirs) {
             changes.push_back(*task::file_change(info.index, value));
             const task::EditResult edited = task::set_values(text, std::array{changes.back()});
             STRCMP_EQUAL("", edited.error.c_str());
-            CHECK(lost_bytes(text, *edited.text) <= 20);
+            CHECK(lost_bytes(text, *edited.text) <= 60);
             text = *edited.text;
         }
         const task::EditResult at_once = task::set_values(start, changes);
@@ -299,7 +316,7 @@ TEST(RobotFileEdit, SavingChecksTheResultAndKeepsTheFileWhenItWouldBeBad) {
     STRCMP_EQUAL("", task::write_whole_file(path, text).c_str());
     const std::array good{FileChange{"limits.speed_m_per_s", 1.5}, FileChange{"dynamics.k7_per_kg_m", 1.25}};
     STRCMP_EQUAL("", task::save_robot_file(path, good).c_str());
-    STRCMP_EQUAL("# mine\n[limits]\nspeed_m_per_s = 1.5 # slow\n\n[dynamics]\nk7_per_kg_m = 1.25\n",
+    STRCMP_EQUAL("# mine\n[limits]\nspeed_m_per_s = 1.5 # was 2.0: slow\n\n[dynamics]\nk7_per_kg_m = 1.25\n",
                  read(path).c_str());
     const std::string saved = read(path);
     const std::array bad{FileChange{"limits.speed_m_per_s", 15.0}};  // above the over-speed limit

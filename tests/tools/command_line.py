@@ -102,6 +102,20 @@ class Status(unittest.TestCase):
             self.assertEqual(status, 1, action)
             self.assertLess(len(err), 120, err)
 
+    def test_a_mode_that_is_not_entered_comes_with_the_reason(self):
+        status, out, _ = run("sim", "adaptive:1")
+        self.assertEqual(status, 3)
+        self.assertIn("blocked by model_not_trusted\n", out)
+        with tempfile.NamedTemporaryFile("w", suffix=".toml") as robot:
+            with open(os.path.join(SOURCE, "tools/robots/default.toml"), encoding="utf-8") as default:
+                robot.write(re.sub(r"^generation = 6", "generation = 5", default.read(), flags=re.M))
+            robot.flush()
+            status, out, _ = run("sim", "--robot", robot.name, "velocity:0.1,0,1")
+            self.assertEqual(status, 3)
+            self.assertIn("fault arming_refused, blocked by drives_not_armed; the left drive's frames are not those of "
+                          "the generation in the robot file: check drive.generation\n", out)
+        self.assertNotIn("because of", run("sim", "velocity:0.1,0,1")[1])
+
     def test_no_refusal_is_longer_than_a_line(self):
         _, out, _ = run("--help")
         commands = [(name,) for name in re.findall(r"^  ([\w-]+)  +\S", out.split("Subcommands:")[1], re.M)]

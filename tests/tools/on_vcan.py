@@ -43,6 +43,8 @@ class Firmware(threading.Thread):
         self.value = 5.0
         self.saved = 12  # values that a save writes
         self.refusal = 0  # a blocker: modes are not entered
+        self.braking_s = 0  # from the request for idle until idle
+        self.at_rest = None  # time of that, while it brakes
         self.ending = None
         self.running = True
         self.start()
@@ -79,9 +81,12 @@ class Firmware(threading.Thread):
         due = 0
         while self.running:
             now = time.monotonic()
+            if self.at_rest is not None and now >= self.at_rest:
+                self.state, self.at_rest = 1, None
             if now >= due:
                 due = now + 0.02
-                self.send("Status", encode("Status", State=self.state, Requested=self.state, Blocker=self.blocker))
+                requested = self.state if self.at_rest is None else 1
+                self.send("Status", encode("Status", State=self.state, Requested=requested, Blocker=self.blocker))
                 self.step_ident(now)
             try:
                 number, length, data = struct.unpack("=IB3x8s", self.socket.recv(16))
@@ -96,7 +101,10 @@ class Firmware(threading.Thread):
                         self.ending["ends"] = now + self.ending["lasts"]
                     elif self.state == 3:
                         self.ending |= {"cause": "interrupted", "ends": now}
-                self.state, self.blocker = (self.state if blocker else data[2], blocker)
+                if data[2] == 1 and self.braking_s > 0:
+                    self.at_rest = time.monotonic() + self.braking_s
+                else:
+                    self.state, self.blocker = (self.state if blocker else data[2], blocker)
             elif name == "EmergencyStop":
                 self.state = 8
             elif name == "ClearFault":
@@ -163,6 +171,15 @@ class OnVcan(unittest.TestCase):
         for (before, first), (after, second) in zip(frames, frames[1:]):
             if after - before < 0.5:
                 self.assertNotEqual(first[1] & 15, second[1] & 15)
+
+    def test_the_robot_is_idle_when_a_call_with_enter_ends(self):
+        self.firmware.braking_s = 0.7
+        self.assertEqual(run("ctl", "--can", "vcan0", "velocity", "0.2", "0", "--enter", "--for", "0.3"), (0, "", ""))
+        self.assertEqual(self.firmware.state, 1)
+        self.firmware.braking_s = 1000
+        status, _, err = run("ctl", "--can", "vcan0", "velocity", "0.2", "0", "--enter", "--for", "0.3")
+        self.assertEqual(status, 3)
+        self.assertIn("idle was asked for 10 s ago, and the robot is not idle yet", err)
 
     def test_setpoints_are_repeated_at_their_rate_with_running_counters(self):
         status, _, err = run("ctl", "--can", "vcan0", "velocity", "0.25", "-0.5", "--for", "1", "--enter")

@@ -29,6 +29,29 @@ bool has(const std::string& text, const char* part) { return text.find(part) != 
 
 TEST_GROUP(RobotView){};
 
+TEST(RobotView, DrivesThatAreNotArmedComeWithAdvice) {
+    const auto advised = [](const protocol::Status& status, const char* words) {
+        tools::RobotView view;
+        CHECK(view.accept(frame_of(status), 0));
+        return has(view.screen(0), words);
+    };
+    protocol::Status status;
+    status.drive_left = protocol::DriveState::idle;
+    status.drive_right = protocol::DriveState::other_generation;
+    CHECK(advised(status, "left idle, right other_generation\n"));
+    CHECK(advised(status,
+                  "the right drive's frames are not those of the generation in the robot file: check "
+                  "drive.generation\n"));
+    status.drive_right = protocol::DriveState::idle;
+    CHECK_FALSE(advised(status, "drive.generation"));
+    status.state = protocol::Mode::fault;
+    status.fault = protocol::Fault::arming_refused;
+    status.blocker = protocol::Blocker::drives_not_armed;
+    CHECK(advised(status, "a drive is heard and does not arm"));
+    status.blocker = protocol::Blocker::watchdog_not_confirmed;
+    CHECK(advised(status, "see drive.watchdog_assured and drive.watchdog_endpoint"));
+}
+
 TEST(RobotView, ScreenNamesStateLimitsCountersAndModel) {
     tools::RobotView view;
     CHECK(has(view.screen(0), "nothing heard"));
@@ -59,6 +82,7 @@ TEST(RobotView, ScreenNamesStateLimitsCountersAndModel) {
     CHECK(has(screen, "state     velocity\n"));
     CHECK(has(screen, "limiting  torque left, speed\n"));
     CHECK(has(screen, "left armed, right armed"));
+    CHECK_FALSE(has(screen, "check drive.generation"));
     CHECK(has(screen, "counted   rejected_crc 7\n"));
     CHECK(has(screen, "K7 1.4085 1/(kg m)"));
     CHECK(has(screen, "coulomb_friction.left_Nm 0.31 Nm"));

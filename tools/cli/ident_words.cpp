@@ -77,6 +77,10 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
     {IdentCause::torque_not_followed,
      {"a drive reported less torque than it was told",
       "lower ident.amplitude_Nm, or look at the drive's current limit, temperature and supply"}},
+    {IdentCause::model_incomplete,
+     {"the model leaves so much of the motion unexplained that its numbers cannot be trusted",
+      "look whether both wheels turn the robot the way drive.left.sign and drive.right.sign say, and run "
+      "`wheelwright gap` on the log of this run"}},
 }};
 
 constexpr bool in_order() {

@@ -94,6 +94,24 @@ std::string one_line(const MessageText& message) {
     return line;
 }
 
+std::string advice(const protocol::Status& status) {
+    using protocol::DriveState;
+    const bool left = status.drive_left == DriveState::other_generation;
+    if (left || status.drive_right == DriveState::other_generation) {
+        return std::string("the ") + (left ? "left" : "right") +
+               " drive's frames are not those of the generation in the robot file: check drive.generation";
+    }
+    if (status.blocker == protocol::Blocker::watchdog_not_confirmed) {
+        return "see drive.watchdog_assured and drive.watchdog_endpoint in the robot file, and check "
+               "drive.generation";
+    }
+    const bool silent = status.drive_left == DriveState::silent || status.drive_right == DriveState::silent;
+    if (status.fault == protocol::Fault::arming_refused && !silent) {
+        return "a drive is heard and does not arm: check its errors, and drive.generation in the robot file";
+    }
+    return "";
+}
+
 std::string frame_text(const hal::CanFrame& frame) {
     LogFrame entry;
     entry.frame = frame;

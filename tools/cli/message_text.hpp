@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "firmware/protocol/wheelwright_messages.hpp"
 #include "hal/can_bus.hpp"
 
 namespace wheelwright::tools {
@@ -31,6 +32,9 @@ std::optional<MessageText> describe(const hal::CanFrame& frame);
 
 // "Status  state idle  requested idle ..." in one line.
 std::string one_line(const MessageText& message);
+
+// What to look at when the drives are not armed; "" when nothing hints at it.
+std::string advice(const protocol::Status& status);
 
 // "ID#DATA" as cansend and candump write it.
 std::string frame_text(const hal::CanFrame& frame);

@@ -86,6 +86,28 @@ int await_state(Link& link, protocol::Mode wanted) {
                                     status_text(*last));
 }
 
+// After idle has been asked for: until the robot has braked and is there, so that what is asked next is not
+// refused for its motion. A second Ctrl-C ends this too.
+int await_rest(Link& link) {
+    constexpr std::int64_t kLongest_s = 10;
+    const std::int64_t last_ns = can_now_ns() + kLongest_s * kSecond_ns;
+    forget_interrupt();
+    link.forget_received();
+    while (can_now_ns() < last_ns) {
+        const auto status = link.wait_for<protocol::Status>(can_now_ns() + kSecond_ns);
+        if (interrupted()) return kAimMissed;
+        if (!status.has_value()) {
+            return complain(kAimMissed, "idle was asked for, but the firmware's Status frames have ceased");
+        }
+        if (status->state == protocol::Mode::fault) {
+            return complain(kAimMissed, "stopped on the way to idle: " + status_text(*status));
+        }
+        if (status->state == protocol::Mode::idle && status->requested == protocol::Mode::idle) return kDone;
+    }
+    return complain(kAimMissed, "idle was asked for " + std::to_string(kLongest_s) +
+                                    " s ago, and the robot is not idle yet");
+}
+
 int send_mode(const Options& options, protocol::Mode mode) {
     const Command command = mode_command(mode);
     if (options.print) return print_frames(options, {command});
@@ -145,7 +167,8 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     if (enter && !options.no_wait) result = repeat ? watch->result(options) : await_state(link, *mode);
     // In a fault it would be refused, and hide what was refused before.
     if (enter && repeat && !watch->in_fault()) {
-        const int status = link.send(mode_command(protocol::Mode::idle));
+        int status = link.send(mode_command(protocol::Mode::idle));
+        if (status == kDone && !options.no_wait) status = await_rest(link);
         if (result == kDone) result = status;
     }
     Link::leave_slot();
@@ -464,8 +487,9 @@ void add_ctl(const CommandLine& program, Run& run) {
     ctl.footer(
         "Set-points (torque, velocity, goal, reference) are repeated until --for is over or Ctrl-C, as the\n"
         "robot stops when they cease; with --enter the matching mode is asked for first, and idle at the\n"
-        "end, which comes early when the robot refuses or leaves the mode. Write negative numbers as -0.5, "
-        "not -.5.\n"
+        "end, which comes early when the robot refuses or leaves the mode; it is waited for, 10 s at most. "
+        "Write negative\n"
+        "numbers as -0.5, not -.5.\n"
         "Exit status 3: sent, but the robot did not do it, and why.");
     ctl.add_option("--can", options->interface, "CAN interface").show_default();
     ctl.add_flag("--print", options->print, "Print the cansend lines instead of sending");

@@ -5,6 +5,7 @@
 #include <cstdio>
 
 #include "tools/cli/ident_words.hpp"
+#include "tools/cli/message_text.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -166,6 +167,7 @@ std::string status_text(const protocol::Status& status) {
     if (status.blocker != protocol::Blocker::none) {
         text += ", blocked by " + blocker_text(status.blocker);
     }
+    if (const std::string more = advice(status); !more.empty()) text += "; " + more;
     return text;
 }
 

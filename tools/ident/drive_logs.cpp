@@ -175,7 +175,7 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
         const DriveLog& log = logs.back();
         for (const LineProblem& problem : log.problems) findings.problems.push_back(to_text(path, problem));
         for (const LineProblem& note : log.notes) findings.notes.push_back(to_text(path, note));
-        findings.logs.push_back({path, "candump", log_date(path, log.first_time_ns),
+        findings.logs.push_back({path, "candump", log_date(1e-9 * static_cast<double>(log.first_time_ns)),
                                  1e-9 * static_cast<double>(log.last_time_ns - log.first_time_ns),
                                  1 / task::kCyclePeriod_s, log.cycles.size()});
         largest_torque_Nm = std::max(largest_torque_Nm, log.largest_torque_Nm);

@@ -1,7 +1,5 @@
 #include "tools/ident/findings.hpp"
 
-#include <sys/stat.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cmath>
@@ -12,7 +10,8 @@
 namespace wheelwright::tools {
 namespace {
 
-constexpr std::int64_t kFirstDate_ns = 946'684'800'000'000'000;  // 2000-01-01: earlier clocks were not set
+constexpr double kFirstDate_s = 946'684'800;   // 2000-01-01: earlier clocks were not set
+constexpr double kLastDate_s = 4'102'444'800;  // 2100-01-01: a time in another unit
 
 void judge_positive(DynamicsFigure& k) {
     if (!k.reason.empty()) return;
@@ -77,13 +76,9 @@ Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& 
     return failed;
 }
 
-std::string log_date(const std::string& path, std::int64_t first_time_ns) {
-    std::time_t seconds = static_cast<std::time_t>(first_time_ns / 1'000'000'000);
-    if (first_time_ns < kFirstDate_ns) {
-        struct stat status {};
-        if (stat(path.c_str(), &status) != 0) return "";
-        seconds = status.st_mtime;
-    }
+std::string log_date(double first_time_s) {
+    if (!(first_time_s >= kFirstDate_s && first_time_s < kLastDate_s)) return "";
+    const auto seconds = static_cast<std::time_t>(first_time_s);
     std::tm date{};
     if (gmtime_r(&seconds, &date) == nullptr) return "";
     std::array<char, 16> text{};

@@ -50,7 +50,7 @@ struct EffectFigure : Estimate {
 struct LogFacts {
     std::string name;
     std::string form;  // "candump", "CSV"
-    std::string date;  // of the recording, YYYY-MM-DD
+    std::string date;  // of the recording, YYYY-MM-DD; "" where the log does not tell
     double duration_s = 0;
     double rate_Hz = 0;
     std::uint64_t samples = 0;
@@ -96,7 +96,8 @@ Findings identify_measured_logs(const std::vector<std::string>& paths, const Ide
 // The form is told by the first character: '(' begins a candump line. Not to be mixed.
 Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& setup);
 
-// YYYY-MM-DD in UTC: of a time stamp if that can be a date, else of the file's last change.
-std::string log_date(const std::string& path, std::int64_t first_time_ns);
+// YYYY-MM-DD in UTC of a log's first time stamp; "" when that does not count from 1970. When the file was
+// changed last says nothing of the measurement.
+std::string log_date(double first_time_s);
 
 }  // namespace wheelwright::tools

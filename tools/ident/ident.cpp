@@ -191,10 +191,15 @@ std::string all_names(const Findings& f) {
     return names;
 }
 
-std::vector<task::FileChange> file_changes(const Findings& f, bool candump) {
+// What is to be written into `target`. A date that is there belongs to another log: it is taken out where
+// this one does not tell its own.
+std::vector<task::FileChange> file_changes(const Findings& f, bool candump, const task::RobotFile& target) {
     std::vector<task::FileChange> changes;
     const std::string names = all_names(f);
     const std::string date = f.logs.back().date;
+    const auto put_date = [&](const std::string& key, const task::Provenance& former) {
+        if (date != former.date) changes.push_back({key, date});
+    };
     bool any = false;
     for (const DynamicsFigure& k : f.k) {
         if (!k.known) continue;
@@ -204,7 +209,7 @@ std::vector<task::FileChange> file_changes(const Findings& f, bool candump) {
     }
     if (any) {
         changes.push_back({"dynamics.log", names});
-        if (!date.empty()) changes.push_back({"dynamics.date", date});
+        put_date("dynamics.date", target.dynamics_provenance);
     }
     for (const EffectFigure& e : f.effects) {
         if (!e.known) continue;
@@ -214,7 +219,7 @@ std::vector<task::FileChange> file_changes(const Findings& f, bool candump) {
         changes.push_back(
             {table + std::string(parameter.name), std::clamp(e.value, parameter.minimum, parameter.maximum)});
         changes.push_back({table + "log", names});
-        if (!date.empty()) changes.push_back({table + "date", date});
+        put_date(table + "date", target.effect_provenance[e.effect]);
     }
     // A CSV's delay belongs to whoever logged it; a bus log's is the firmware's own.
     if (candump && f.delay_s.known && f.delay_s.value >= 0) {
@@ -238,8 +243,9 @@ int ident(const Options& options) {
     setup.relative_standard_error = options.relative_standard_error > 0
                                         ? options.relative_standard_error
                                         : setup.robot.ident.relative_standard_error;
+    std::optional<task::RobotFile> target;
     if (!options.write.empty()) {
-        const std::optional<task::RobotFile> target = read_robot(options.write);
+        target = read_robot(options.write);
         if (!target) return kUsage;
         if (!same_geometry(target->parameters.geometry, geometry)) {
             return usage("the geometry differs from that of " + options.write +
@@ -274,14 +280,16 @@ int ident(const Options& options) {
     report_limits(findings, report);
     const bool good = findings.good_enough(setup.relative_standard_error);
     report.section("verdict", "");
-    report.add("good_enough", good ? "good enough" : "not good enough", good, "",
+    report.add("good_enough", "good enough", good, "",
                "K7 and K8 known to " + number_text(100 * setup.relative_standard_error, 3) + " % or better" +
                    (good ? "" : " are wanted"));
     if (!report.publish(options.json)) return kUsage;
     if (!options.write.empty()) {
-        const std::string failed = task::save_robot_file(options.write, file_changes(findings, candump));
+        const std::string failed =
+            task::save_robot_file(options.write, file_changes(findings, candump, *target));
         if (!failed.empty()) return usage(failed);
-        std::printf("%s now has what is known.\n", options.write.c_str());
+        std::printf("%s now has what is known%s.\n", options.write.c_str(),
+                    findings.logs.back().date.empty() ? "; without a date, which the log does not tell" : "");
     }
     return good ? kDone : kAimMissed;
 }

@@ -54,7 +54,7 @@ class Signals {
             found_.logs.push_back(std::move(*result.log));
             const MeasuredLog& log = found_.logs.back();
             found_.names.push_back(path);
-            findings_.logs.push_back({path, "CSV", log_date(path, 0),
+            findings_.logs.push_back({path, "CSV", log_date(log.samples.front().t_s),
                                       log.period_s * static_cast<double>(log.samples.size() - 1),
                                       1 / log.period_s, log.samples.size()});
         }

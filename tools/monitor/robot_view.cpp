@@ -170,6 +170,7 @@ std::string RobotView::screen(std::int64_t now_ns) const {
     row("blocker", blocker_text(status_->blocker));
     row("limiting", limits_text());
     row("drives", "left " + name(status_->drive_left) + ", right " + name(status_->drive_right));
+    if (const std::string text = advice(*status_); !text.empty()) row("", text);
     if (odometry_.has_value()) {
         row("pose", format("x %8.4f m  y %8.4f m  heading %7.4f rad  (%s)", odometry_->x_m, odometry_->y_m,
                            odometry_->heading_rad, status_->pose_fixed ? "external pose" : "odometry alone"));

@@ -16,6 +16,7 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/ident_words.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/ctl/link.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::tools {
@@ -97,6 +98,13 @@ Action parse_action(const std::string& text) {
     throw std::invalid_argument("unknown action \"" + text + "\"\n" + usage_of_actions());
 }
 
+// What stopped the robot or keeps it from a mode, as `wheelwright ctl` says it; no line when nothing does.
+void add_hindrance(const Simulation& sim, Report& report) {
+    const protocol::Status& status = sim.cycle().report().status;
+    if (status.fault == protocol::Fault::none && status.blocker == protocol::Blocker::none) return;
+    report.add("hindrance", "because of", status_text(status));
+}
+
 // Does one action; adds its figures. False: its mode was not entered, or its aim not reached.
 bool act(Simulation& sim, const Action& action, const model::RobotParameters& plant, Report& report) {
     const auto& n = action.numbers;
@@ -135,11 +143,18 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
                    clipping_sentence(status, {found.torque_limit_Nm, asked_Nm}));
         report.add("sides_confirmed", "probe: left and right confirmed", found.pose_seen, "",
                    sides_sentence(status));
+        const WheelPair<double> unexplained = sim.cycle().learning().run().estimator().unexplained();
+        report.add("unexplained_percent", "slow acceleration left unexplained",
+                   100 * std::max(unexplained.left, unexplained.right), "%",
+                   sim.cycle().learning().run().model_incomplete()
+                       ? "something is missing: run `wheelwright gap` on this log"
+                       : "");
         report.add("amplitude_Nm", "chosen: amplitude", sizing.amplitude_Nm, "Nm");
         report.add("bit_time_s", "chosen: bit", sizing.bit_time_s, "s");
         report.add("speed_limit_m_per_s", "chosen: speed limit", sizing.speed_limit_m_per_s, "m/s");
         report.add("yaw_rate_limit_rad_per_s", "chosen: yaw rate limit", sizing.yaw_rate_limit_rad_per_s,
                    "rad/s");
+        if (!result.succeeded) add_hindrance(sim, report);
         report.add("duration_s", "after", result.duration_s, "s");
         report.add("delay_s", "actuation delay", result.delay_s, "s");
         report.table("parameters", {{"name", "parameter"},
@@ -157,6 +172,7 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
     if (action.name == "goal") {
         const GoalResult result = drive_to(sim, {n[0], n[1], n[2]}, protocol::PoseDirection::automatic);
         report.add("reached", "reached and held for 2 s", result.reached);
+        if (!result.reached) add_hindrance(sim, report);
         report.add("time_s", "after", result.time_s, "s");
         report.add("distance_m", "distance from the goal", result.distance_m, "m");
         report.add("heading_error_rad", "heading error", result.heading_error_rad, "rad");
@@ -170,6 +186,7 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         if (!n.empty()) options.duration_s = n[0];
         const TrackingResult result = track(sim, options);
         report.add("entered", "mode entered", result.entered);
+        add_hindrance(sim, report);
         report.add("rms_m", "RMS error from 12 s on", result.rms_m, "m");
         report.add("peak_m", "largest error from 12 s on", result.peak_m, "m");
         return result.entered;
@@ -183,6 +200,7 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
     const bool entered = enter_mode(sim, torque ? protocol::Mode::torque : protocol::Mode::velocity);
     sim.run_for(n[2]);
     report.add("entered", "mode entered", entered);
+    add_hindrance(sim, report);
     report.add("true_speed_m_per_s", "true speed at the end", sim.world().twist().v_m_per_s, "m/s");
     report.add("true_yaw_rate_rad_per_s", "true yaw rate at the end", sim.world().twist().omega_rad_per_s,
                "rad/s");

@@ -7,6 +7,7 @@ import math
 import os
 import pathlib
 import random
+import re
 import subprocess
 import sys
 import tempfile
@@ -29,7 +30,7 @@ def run(*arguments, status):
     return done
 
 
-def simulate(path, straight=False):
+def simulate(path, straight=False, began_s=0):
     """A robot with the geometry of default.toml, K7 = 1.2, K8 = 6, 0.04 Nm s/rad of drag, no dry friction."""
     draw = random.Random(5)
     r, b, k7, k8, drag = 0.075, 0.32, 1.2, 6.0, 0.04
@@ -40,7 +41,7 @@ def simulate(path, straight=False):
             left = draw.uniform(-2, 2)
             right = left if straight else draw.uniform(-2, 2)
         wl, wr = (v - w * b / 2) / r, (v + w * b / 2) / r
-        lines.append(f"{i * 0.01:.3f},{left:.6f},{right:.6f},"
+        lines.append(f"{began_s + i * 0.01:.3f},{left:.6f},{right:.6f},"
                      f"{wl + draw.gauss(0, 0.02):.7f},{wr + draw.gauss(0, 0.02):.7f}")
         for _ in range(50):
             wl, wr = (v - w * b / 2) / r, (v + w * b / 2) / r
@@ -54,7 +55,9 @@ with tempfile.TemporaryDirectory() as folder:
     log, straight, answer = folder / "drive.csv", folder / "straight.csv", folder / "out.json"
     simulate(log)
     simulate(straight, straight=True)
-    os.utime(log, (1_700_000_000, 1_700_000_000))  # 2023-11-14
+    stamped = folder / "stamped.csv"
+    simulate(stamped, began_s=1_700_000_000)  # 2023-11-14
+    os.utime(stamped, (1_600_000_000, 1_600_000_000))
     geometry = ["--wheel-radius", "0.075", "--track", "0.32"]
 
     run("ident", log, *geometry, "--relative-standard-error", "0.01", "--json", answer, status=0)
@@ -67,7 +70,9 @@ with tempfile.TemporaryDirectory() as folder:
     check(result["residuals"]["rows"] > 1000, "rows are counted")
 
     run("ident", log, *geometry, "--relative-standard-error", "1e-6", status=3)
+    check(result["verdict"]["good_enough"] is True, "good enough, for programs")
     text = run("ident", straight, *geometry, "--relative-standard-error", "0.05", status=3).stdout
+    check(re.search(r"^good enough +no ", text, re.M), "and in words")
     check("not identifiable from these logs" in text, "a straight log says what it cannot tell")
     run("ident", straight, *geometry, "--json", answer, status=3)
     k = {row["parameter"]: row for row in json.loads(answer.read_text())["dynamics"]["parameters"]}
@@ -86,10 +91,15 @@ with tempfile.TemporaryDirectory() as folder:
     robot = folder / "robot.toml"
     robot.write_text((robots / "default.toml").read_text())
     before = robot.read_text()
-    run("ident", log, "--model", robot, "--write", robot, "--relative-standard-error", "0.01", status=0)
+    run("ident", stamped, "--model", robot, "--write", robot, "--relative-standard-error", "0.01", status=0)
     after = robot.read_text()
     check(all(line in after for line in before.splitlines() if line.startswith("#")), "comments stay")
-    check('log = "drive.csv"' in after and "2023-11-14" in after, "log and day are written")
+    check('log = "stamped.csv"' in after and after.count("2023-11-14") == after.count("stamped.csv"),
+          "log and day are written")
+    said = run("ident", log, "--model", robot, "--write", robot, "--relative-standard-error", "0.01", status=0).stdout
+    after = robot.read_text()
+    check("without a date" in said and 'log = "drive.csv"' in after and "2023-11-14" not in after,
+          "the day of another log does not stay, and that of the file's last change is not that of the log")
     run("check", robot, status=0)
     run("ident", log, *geometry, "--write", folder / "none.toml", status=1)
     said = run("ident", log, "--wheel-radius", "0.08", "--track", "0.32", "--write", robot, status=1).stderr
