@@ -238,12 +238,12 @@ void identify(Visit& visit) {
     visit.run(4000);
     visit.host().mode(Mode::idle);
     visit.run(300);
-    settings.duration_s = 6;  // and one that reaches the end of its area
-    settings.distance_limit_m = 0.1;
-    settings.speed_limit_m_per_s = 0;
+    settings.duration_s = 30;  // and one that is turned back at the edge of its area
+    settings.distance_limit_m = 0.4;
+    settings.speed_limit_m_per_s = 0.8;
     visit.host().ident(settings);
     visit.enter(Mode::ident);
-    visit.run(8000);
+    visit.run(30'000);
 }
 
 void ask_parameters(Visit& visit, Tour& tour) {
@@ -492,6 +492,11 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
     }
     visit("termination at rest", known, {}, [](Visit& v) { terminate(v, false); });
     visit("a model that is not a number", known, {}, compute_nonsense);
+
+    bench::ExampleRobots nobody_knows = known;
+    nobody_knows.controller.dynamics = model::default_parameters().dynamics;
+    nobody_knows.controller.dynamics_standard_error = {};
+    visit("a model that nobody has given", nobody_knows, {}, [](Visit& v) { v.enter(Mode::velocity); });
 
     bench::ExampleRobots no_watchdog = known;
     no_watchdog.controller.drive.watchdog_assured = false;
