@@ -61,17 +61,16 @@ LoopDesignRequest<Real> loop_design_request(const model::RobotParameters& from, 
     const auto& loop = from.velocity_loop;
     const double delay_s = loop.actuation_delay_s + model::effects_delay_s(from.effects);
     const VelocityLoopSpeed speed = velocity_loop_speed(from, double(cycle_s));
-    return {
-        loop.method,
-        Real(speed.settling_time_s),
-        Real(loop.damping),
-        Real(loop.setpoint_weight),
-        Real(loop.phase_margin_deg),
-        Real(loop.sensitivity_peak),
-        cycle_s,
-        Real(delay_s),
-        Real(speed.observer_bandwidth_rad_per_s),
-        Real(from.drive.encoder_period_ms) / 1000};
+    return {loop.method,
+            Real(speed.settling_time_s),
+            Real(loop.damping),
+            Real(loop.setpoint_weight),
+            Real(loop.phase_margin_deg),
+            Real(loop.sensitivity_peak),
+            cycle_s,
+            Real(delay_s),
+            Real(speed.observer_bandwidth_rad_per_s),
+            Real(from.drive.encoder_period_ms) / 1000};
 }
 
 template <typename Real>

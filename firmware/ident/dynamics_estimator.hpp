@@ -49,12 +49,12 @@ struct DynamicsEstimatorOptions {
     RegressionFilterOptions<Real> filter;
     Real relative_standard_error = Real(0.005);  // of K7 and K8, for estimate().good_enough
     Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
-    // Dry friction over the excitation's torque. While the sign of sliding is not known for sure, before a wheel
-    // turns round and after it, the friction column is wrong both ways; after it for longer, by this share, as
-    // friction then works against the torque. What K7 and K8 are off by is this share squared, times the share
-    // of the time; it is part of their standard errors.
+    // Dry friction over the excitation's torque. While the sign of sliding is not known for sure, before a
+    // wheel turns round and after it, the friction column is wrong both ways; after it for longer, by this
+    // share, as friction then works against the torque. What K7 and K8 are off by is this share squared,
+    // times the share of the time; it is part of their standard errors.
     Real dry_share = 0;
-    Real prior_variance = Real(1e6);             // P(-1) = c I
+    Real prior_variance = Real(1e6);  // P(-1) = c I
     Real excitation_memory_s = 2;
 };
 
@@ -141,8 +141,8 @@ class DynamicsEstimator {
                k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
     }
 
-    // How much of the slow acceleration, over runs of rows in which the sensors' noise cancels, the model leaves
-    // unexplained: RMS over RMS, of y1 and y2. 0 until there is enough.
+    // How much of the slow acceleration, over runs of rows in which the sensors' noise cancels, the model
+    // leaves unexplained: RMS over RMS, of y1 and y2. 0 until there is enough.
     WheelPair<Real> unexplained() const {
         const auto share = [](const Equation& e) {
             return e.motion_power > 0 ? std::sqrt(e.residual_power / e.motion_power) : Real(0);
@@ -168,8 +168,8 @@ class DynamicsEstimator {
     // Standard errors from fewer are too uncertain to stop on.
     static constexpr std::uint32_t kRowsToJudge = 500;
     static constexpr int kRunRows = 16;
-    // Of what the model does not explain, how much may go with the torque and so be taken for K7 or K8: the cosine
-    // between the two, for effects that the torque does not know of.
+    // Of what the model does not explain, how much may go with the torque and so be taken for K7 or K8: the
+    // cosine between the two, for effects that the torque does not know of.
     static constexpr double kShareInGain = 0.1;
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     using Vector = std::array<Real, kSize>;
@@ -186,6 +186,7 @@ class DynamicsEstimator {
         Real run_residual = 0, run_motion = 0;  // of the last rows
         Real residual_power = 0, motion_power = 0;
         int run = 0;
+        std::uint32_t runs = 0;
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
         Real torque_error{};
@@ -241,6 +242,7 @@ class DynamicsEstimator {
             if (estimate_.rows > kRowsToJudge / 2) {
                 equation.residual_power += equation.run_residual * equation.run_residual;
                 equation.motion_power += equation.run_motion * equation.run_motion;
+                ++equation.runs;
             }
             equation.run_residual = equation.run_motion = 0;
             equation.run = 0;
@@ -341,6 +343,16 @@ class DynamicsEstimator {
         return result;
     }
 
+    // The share of the slow acceleration that is unexplained beyond what white noise on the plant would
+    // leave: rows average it with a quadratic B-spline, so that of its power 0.55 stands in a row and all of
+    // it in long runs. Noise of the sensors leaves less.
+    Real slower_than_white(const Equation& e) const {
+        if (!(e.motion_power > 0)) return 0;
+        constexpr Real kInARow = Real(0.55);
+        const Real white = static_cast<Real>(e.runs) * kRunRows * e.errors.residual_variance() / kInARow;
+        return std::sqrt(std::max(e.residual_power - white, Real(0)) / e.motion_power);
+    }
+
     void publish() {
         const Equation& linear = equation_[0];
         const Equation& turning = equation_[1];
@@ -357,7 +369,7 @@ class DynamicsEstimator {
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
         const Real reversal = options_.dry_share * options_.dry_share * filter_.slow_share();
-        const WheelPair<Real> missing = unexplained();
+        const WheelPair<Real> missing{slower_than_white(linear), slower_than_white(turning)};
         const auto widened = [&](Real error, Real k, Real share) {
             return std::hypot(error, k * reversal, k * static_cast<Real>(kShareInGain) * share);
         };

@@ -25,11 +25,11 @@ enum class IdentState : std::uint8_t { measuring_delay, estimating, done, stoppe
 
 template <typename Real>
 struct IdentificationOptions {
-    // With a probe, its amplitude, bit time and limits, the estimator's kernel, standing speed and coupling error
-    // are those that size_identification() finds.
+    // With a probe, its amplitude, bit time and limits, the estimator's kernel, standing speed and coupling
+    // error are those that size_identification() finds.
     ExcitationOptions<Real> excitation;
     DynamicsEstimatorOptions<Real> estimator;  // estimator.filter.delay_s: used when delay_phase_s is 0
-    double delay_phase_s{};                    // at least; goes on, up to kLongestDelayPhase times, until it is sure
+    double delay_phase_s{};  // at least; goes on, up to kLongestDelayPhase times, until it is sure
     double duration_s{};
     bool run_full_time = false;  // do not stop when the errors are small enough
     bool probe = false;
@@ -107,17 +107,18 @@ class IdentificationRun {
     }
 
   private:
-    static constexpr double kLongestDelayPhase = 4;      // of delay_phase_s
-    static constexpr Real kSureDelay_s = Real(5e-5);     // a twentieth of a cycle
-    static constexpr Real kUsableDelay_s = Real(1e-3);   // a cycle: the estimator's timing columns do the rest
+    static constexpr double kLongestDelayPhase = 4;     // of delay_phase_s
+    static constexpr Real kSureDelay_s = Real(5e-5);    // a twentieth of a cycle
+    static constexpr Real kUsableDelay_s = Real(1e-3);  // a cycle: the estimator's timing columns do the rest
     // When time is up, this times the wanted standard errors of K7 and K8 will do.
     static constexpr Real kStillGood = 3;
-    static constexpr Real kStillGoodCoupling = 5;        // and this those of K5 and K6
-    // Of the slow acceleration, RMS: robots whose model is complete leave 0.2 % in the mean and below 5 % at most;
-    // one wheel with the wrong sign leaves 17 % at least (`wheelwright robots`, with and without --faults).
+    static constexpr Real kStillGoodCoupling = 5;  // and this those of K5 and K6
+    // Of the slow acceleration, RMS: robots whose model is complete leave 0.2 % in the mean and below 5 % at
+    // most; one wheel with the wrong sign leaves 17 % at least (`wheelwright robots`, with and without
+    // --faults).
     static constexpr Real kUnexplained = Real(0.05);
     static constexpr Real kTooMuchUnexplained = Real(0.15);
-    static constexpr double kFollowed = 0.95;            // of a torque that was asked
+    static constexpr double kFollowed = 0.95;  // of a torque that was asked
     static constexpr int kReportsToJudge = 25;
 
     // How well the drives' reports have lately agreed with what they were told.
@@ -138,9 +139,12 @@ class IdentificationRun {
         cause_ = cause;
         state_ = IdentState::done;
     }
-    Real unexplained() const { return std::max(estimator_.unexplained().left, estimator_.unexplained().right); }
+    Real unexplained() const {
+        return std::max(estimator_.unexplained().left, estimator_.unexplained().right);
+    }
 
-    WheelPair<Real> step_probe(const Pose<Real>& pose, const Twist<Real>& velocity, const ProbeSample& senses) {
+    WheelPair<Real> step_probe(const Pose<Real>& pose, const Twist<Real>& velocity,
+                               const ProbeSample& senses) {
         const WheelPair<double> torque = probe_.step(senses);
         check_limits(pose, velocity);
         if (finished()) return {};
@@ -167,7 +171,8 @@ class IdentificationRun {
         excitation.speed_limit_m_per_s = static_cast<Real>(sizing_.speed_limit_m_per_s);
         excitation.yaw_rate_limit_rad_per_s = static_cast<Real>(sizing_.yaw_rate_limit_rad_per_s);
         options_.estimator.filter.kernel_s = sizing_.kernel_s;
-        options_.estimator.filter.standing_speed_rad_per_s = static_cast<Real>(sizing_.standing_speed_rad_per_s);
+        options_.estimator.filter.standing_speed_rad_per_s =
+            static_cast<Real>(sizing_.standing_speed_rad_per_s);
         options_.estimator.filter.standing_samples = sizing_.standing_samples;
         options_.estimator.filter.speed_span = sizing_.speed_span;
         options_.estimator.dry_share = static_cast<Real>(sizing_.dry_share);
@@ -182,8 +187,8 @@ class IdentificationRun {
         delay_cycles_ = 0;
         if (options_.delay_phase_s > 0) {
             next_look_ = static_cast<std::uint32_t>(options_.delay_phase_s / dt);
-            last_delay_cycle_ = static_cast<std::uint32_t>(
-                (options_.probe ? kLongestDelayPhase : 1.0) * options_.delay_phase_s / dt);
+            last_delay_cycle_ = static_cast<std::uint32_t>((options_.probe ? kLongestDelayPhase : 1.0) *
+                                                           options_.delay_phase_s / dt);
             delay_estimator_.configure(options_.estimator.filter);
             state_ = IdentState::measuring_delay;
         } else {
@@ -247,7 +252,8 @@ class IdentificationRun {
             } else if (state_ == IdentState::estimating && still_good()) {
                 succeed(coupling_still_good() ? IdentCause::good_enough : IdentCause::coupling_not_known);
             } else {
-                stop(unexplained() > kTooMuchUnexplained ? IdentCause::model_incomplete : IdentCause::time_over);
+                stop(unexplained() > kTooMuchUnexplained ? IdentCause::model_incomplete
+                                                         : IdentCause::time_over);
             }
         } else if (!(excitation_.distance_m(pose) <= limits.distance_limit_m)) {
             stop(state_ == IdentState::probing ? IdentCause::no_room : IdentCause::area_left);
@@ -255,8 +261,9 @@ class IdentificationRun {
                    !(std::abs(velocity.omega_rad_per_s) <=
                      options_.overshoot * limits.yaw_rate_limit_rad_per_s)) {
             // so gently as the probe drives, only a limit that a small room has set can be crossed
-            const bool by_room = options_.probe && limits.speed_limit_m_per_s <
-                                                       static_cast<Real>(options_.sizing.robot_speed_limit_m_per_s);
+            const bool by_room =
+                options_.probe &&
+                limits.speed_limit_m_per_s < static_cast<Real>(options_.sizing.robot_speed_limit_m_per_s);
             stop(state_ == IdentState::probing && by_room ? IdentCause::no_room : IdentCause::too_fast);
         }
     }

@@ -11,7 +11,8 @@ namespace wheelwright::ident {
 
 class Parabola {
   public:
-    // Times of one parabola should stay within a few seconds of each other: sums of their fourth powers are kept.
+    // Times of one parabola should stay within a few seconds of each other: sums of their fourth powers are
+    // kept.
     void add(double time_s, double value) {
         if (count_ == 0) {
             first_time_s_ = time_s;
@@ -55,7 +56,8 @@ class Parabola {
         const double determinant = s[0] * a - s[1] * b + s[2] * c;
         if (!(determinant > 0)) return {};
         const auto& y = value_;
-        return {(a * y[0] - b * y[1] + c * y[2]) / determinant, (-b * y[0] + d * y[1] - e * y[2]) / determinant,
+        return {(a * y[0] - b * y[1] + c * y[2]) / determinant,
+                (-b * y[0] + d * y[1] - e * y[2]) / determinant,
                 (c * y[0] - e * y[1] + f * y[2]) / determinant};
     }
 

@@ -4,8 +4,8 @@
 //   left       torque on the left wheel alone, rising slowly until it moves: sign, breakaway friction
 //   right      the same on the right
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
-//   turning    the same in place: with `forward` rough K7 and K8, friction, and how the wheels act on each other
-//   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
+//   turning    the same in place: with `forward` rough K7 and K8, friction, and how the wheels act on each
+//   other pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
 // torque and its opposite friction cancels. No wheel gets faster than kSpeedShare of the speed limit.
@@ -13,8 +13,8 @@
 // What is wrong with the robot has a name, IdentCause, before anything moves fast. Which motor is which,
 // and which way is forward, the wheels' own encoders cannot tell: an external pose can, where there is one.
 //
-// One call of step() a cycle, less than 300 operations, but for the one that ends a parabola (about 200 more).
-// No allocation.
+// One call of step() a cycle, less than 300 operations, but for the one that ends a parabola (about 200
+// more). No allocation.
 #pragma once
 
 #include <algorithm>
@@ -46,27 +46,27 @@ struct ProbeOptions {
 // What a cycle hands over.
 struct ProbeSample {
     WheelPair<double> angle_rad;
-    bool usable = true;                  // the angles are new
-    WheelPair<double> reported_Nm;       // by the drives,
+    bool usable = true;                   // the angles are new
+    WheelPair<double> reported_Nm;        // by the drives,
     std::array<bool, 2> report_is_new{};  // in this cycle
-    bool pose_is_new = false;            // an external pose came
+    bool pose_is_new = false;             // an external pose came
     Pose<double> pose;
 };
 
 struct ProbeFindings {
     IdentCause fault = IdentCause::none;
-    double angle_noise_rad{};                // standard deviation of an angle while turning
-    WheelPair<double> breakaway_Nm;          // torque at which each wheel moved
-    double friction_Nm{};                    // of a wheel while sliding, mean
-    double k7_per_kg_m{}, k8_per_kg_m2{};    // rough
-    WheelPair<double> pushed_m_per_s2_Nm;    // rim acceleration of each wheel by its own torque
-    WheelPair<double> dragged_m_per_s2_Nm;   // and by the other one's
-    double torque_limit_Nm{};                // what the drives deliver at most, as far as it was tried
-    bool clipped = false;                    // less than was asked
-    bool clipped_by_report = false;          // the drives' own reports say so; otherwise the motion does
-    double report_ratio = 1;                 // reported over asked where nothing clips
-    bool reports = false;                    // the drives report their torque
-    bool pose_seen = false;                  // an external pose has confirmed which wheel is which
+    double angle_noise_rad{};               // standard deviation of an angle while turning
+    WheelPair<double> breakaway_Nm;         // torque at which each wheel moved
+    double friction_Nm{};                   // of a wheel while sliding, mean
+    double k7_per_kg_m{}, k8_per_kg_m2{};   // rough
+    WheelPair<double> pushed_m_per_s2_Nm;   // rim acceleration of each wheel by its own torque
+    WheelPair<double> dragged_m_per_s2_Nm;  // and by the other one's
+    double torque_limit_Nm{};               // what the drives deliver at most, as far as it was tried
+    bool clipped = false;                   // less than was asked
+    bool clipped_by_report = false;         // the drives' own reports say so; otherwise the motion does
+    double report_ratio = 1;                // reported over asked where nothing clips
+    bool reports = false;                   // the drives report their torque
+    bool pose_seen = false;                 // an external pose has confirmed which wheel is which
 };
 
 class Probe {
@@ -127,7 +127,7 @@ class Probe {
 
     // Seconds below are of a person's patience and of the drives' delay, of which none is longer than 6 ms.
     static constexpr double kRest_s = 0.4;
-    static constexpr double kRamp_s = 2.0;       // from zero to the torque limit
+    static constexpr double kRamp_s = 2.0;  // from zero to the torque limit
     static constexpr double kLongestPush_s = 1.2;
     static constexpr double kShortestPush_s = 0.03;
     static constexpr double kLongestPause_s = 1.5;
@@ -137,17 +137,17 @@ class Probe {
     static constexpr double kRoomShare = 0.06;   // of the room, for one push
     static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
     static constexpr double kNoises = 8;         // and of the noise
-    static constexpr double kFree = 0.15;        // of its own push that a wheel on the ground drags the other with
-    static constexpr double kFreeRatio = 2.2;    // and no drive is so much weaker than the other
+    static constexpr double kFree = 0.15;  // of its own push that a wheel on the ground drags the other with
+    static constexpr double kFreeRatio = 2.2;       // and no drive is so much weaker than the other
     static constexpr double kReportAge_s = 0.004;   // about: lag, bus, and the cycle's own age
     static constexpr double kSteadyRamp_s = 0.15;   // then the age is a small share of the ramp
     static constexpr double kWorstConstant = 0.75;  // reported over asked
     static constexpr std::uint32_t kFewestReports = 4;
-    static constexpr double kMovesAtAll = 1.5;      // friction, in a torque that still moves the robot
-    static constexpr double kUnclipped = 0.97;   // of what was asked
-    static constexpr double kSure = 4;           // standard errors
-    static constexpr double kMostFriction = 0.8; // of a torque, that pulses still move against
-    static constexpr double kFitShare = 0.9;     // of a pulse; at its end the wheel may stand
+    static constexpr double kMovesAtAll = 1.5;    // friction, in a torque that still moves the robot
+    static constexpr double kUnclipped = 0.97;    // of what was asked
+    static constexpr double kSure = 4;            // standard errors
+    static constexpr double kMostFriction = 0.8;  // of a torque, that pulses still move against
+    static constexpr double kFitShare = 0.9;      // of a pulse; at its end the wheel may stand
     static constexpr double kShortestFit_s = 0.010;
     static constexpr double kLongestPulse_s = 0.25;
     static constexpr double kPushesRoomShare = 0.2;  // of the room, for all pushes forward
@@ -221,9 +221,11 @@ class Probe {
             rest_fit_other_.add(stage_s(), angle_.right);
         }
         if (stage_s() < kRest_s) return;
-        rest_noise_rad_ = std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
+        rest_noise_rad_ =
+            std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
         const WheelPair<double> m = moved();
-        if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough()) return end(IdentCause::not_at_rest);
+        if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough())
+            return end(IdentCause::not_at_rest);
         note_pose(0);
         go(Stage::left);
     }
@@ -234,25 +236,30 @@ class Probe {
         const WheelPair<double> m = moved();
         const double mine = right ? m.right : m.left;
         double& breakaway = right ? found_.breakaway_Nm.right : found_.breakaway_Nm.left;
-        const double torque = std::min(options_.torque_limit_Nm * stage_s() / kRamp_s, options_.torque_limit_Nm);
+        const double torque =
+            std::min(options_.torque_limit_Nm * stage_s() / kRamp_s, options_.torque_limit_Nm);
         if (std::abs(mine) > moved_enough()) {
             breakaway = torque;
-            if (mine < 0) return end(right ? IdentCause::right_wheel_against_torque : IdentCause::left_wheel_against_torque);
+            if (mine < 0)
+                return end(right ? IdentCause::right_wheel_against_torque
+                                 : IdentCause::left_wheel_against_torque);
             return rest_then(right ? Stage::forward : Stage::right);
         }
         if (stage_s() > kRamp_s + kRest_s) {
             breakaway = 0;
             if (!right) return rest_then(Stage::right);
-            return end(found_.breakaway_Nm.left > 0 ? IdentCause::right_wheel_does_not_turn : IdentCause::too_heavy);
+            return end(found_.breakaway_Nm.left > 0 ? IdentCause::right_wheel_does_not_turn
+                                                    : IdentCause::too_heavy);
         }
         torque_ = right ? WheelPair<double>{0, torque} : WheelPair<double>{torque, 0};
         if (stage_s() > kSteadyRamp_s) compare_report(0);
     }
 
-    // Third differences over a few samples: what is smooth, even a torque's noise, leaves next to nothing in them.
+    // Third differences over a few samples: what is smooth, even a torque's noise, leaves next to nothing in
+    // them.
     void measure_noise() {
         const auto before = [&](std::size_t samples) { return ring_[(ring_at_ - 1 - samples) % kSpeedSpan]; };
-        const auto third = [&](double WheelPair<double>::* side) {
+        const auto third = [&](double WheelPair<double>::*side) {
             return before(0).*side - 3 * before(4).*side + 3 * before(8).*side - before(12).*side;
         };
         constexpr double kPower = 1 + 9 + 9 + 1;
@@ -268,7 +275,8 @@ class Probe {
         const double slow = 0.02 * options_.speed_limit_m_per_s;
         const bool still = std::max(std::abs(v.left), std::abs(v.right)) < slow;
         if (!still) still_cycles_ = 0;
-        // a robot that hardly rubs rolls on: stopped by a torque of its own friction, below what would start it
+        // a robot that hardly rubs rolls on: stopped by a torque of its own friction, below what would start
+        // it
         if (!still && stage_s() > kStill_s) {
             torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
                        -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
@@ -308,7 +316,8 @@ class Probe {
     // Well above friction, well below what is fast.
     void choose_push() {
         const double breakaway = std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
-        push_Nm_ = std::clamp(std::max(2 * breakaway, 0.15 * options_.torque_limit_Nm), 0.0, options_.torque_limit_Nm);
+        push_Nm_ = std::clamp(std::max(2 * breakaway, 0.15 * options_.torque_limit_Nm), 0.0,
+                              options_.torque_limit_Nm);
     }
 
     // There, then back with the opposite torque.
@@ -338,7 +347,8 @@ class Probe {
             if (gentle_ > kMostHalvings) return end(IdentCause::no_room);
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
                 if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
-                    push_Nm_ = std::max(push_Nm_ / 2, 1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
+                    push_Nm_ = std::max(push_Nm_ / 2,
+                                        1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
                     ++gentle_;
                     fit_ = {};
                     return rest_then(stage_);
@@ -401,14 +411,17 @@ class Probe {
         return turning ? std::abs(way.turn_rad) > kTells * options_.heading_noise_rad / shrink
                        : std::abs(way.forward_m) > kTells * options_.pose_noise_m / shrink;
     }
-    bool room_left() const { return std::abs(stage_way().forward_m) < kPushesRoomShare * options_.distance_limit_m; }
+    bool room_left() const {
+        return std::abs(stage_way().forward_m) < kPushesRoomShare * options_.distance_limit_m;
+    }
 
     // A wheel in the air turns without taking the other one, or the robot, with it.
     bool judge_coupling() {
         const auto& own = found_.pushed_m_per_s2_Nm;
         const auto& other = found_.dragged_m_per_s2_Nm;
         if (!(found_.k7_per_kg_m > 0) || !(found_.k8_per_kg_m2 > 0) || !(own.left > 0) || !(own.right > 0)) {
-            end(own.left > own.right ? IdentCause::right_wheel_does_not_turn : IdentCause::left_wheel_does_not_turn);
+            end(own.left > own.right ? IdentCause::right_wheel_does_not_turn
+                                     : IdentCause::left_wheel_does_not_turn);
             return true;
         }
         const double scale = std::max(own.left, own.right);
@@ -428,7 +441,8 @@ class Probe {
         known_[at] = pose_count_ > 0;
         if (pose_count_ > 0) {
             const double n = pose_count_;
-            pose_[at] = {pose_sum_.x_m / n, pose_sum_.y_m / n, first_heading_rad_ + pose_sum_.heading_rad / n};
+            pose_[at] = {pose_sum_.x_m / n, pose_sum_.y_m / n,
+                         first_heading_rad_ + pose_sum_.heading_rad / n};
         }
         poses_[at] = pose_count_;
         wheels_[at] = angle_;
@@ -462,10 +476,12 @@ class Probe {
         const bool odd_told = std::abs(wheels_straight.forward_m) / half_track > 2 * kSurePose * sigma_rad;
         // told to go straight, it turned
         const double turned = straight.turn_rad * half_track / wheels_straight.forward_m;
-        if (odd_told && std::abs(turned) > 0.5 && std::abs(straight.turn_rad - wheels_straight.turn_rad) > kSurePose * sigma_rad)
+        if (odd_told && std::abs(turned) > 0.5 &&
+            std::abs(straight.turn_rad - wheels_straight.turn_rad) > kSurePose * sigma_rad)
             return end(turned > 0 ? IdentCause::left_sign_wrong : IdentCause::right_sign_wrong), true;
         if (!told) return false;
-        if (straight.forward_m / wheels_straight.forward_m < -0.5) return end(IdentCause::both_signs_wrong), true;
+        if (straight.forward_m / wheels_straight.forward_m < -0.5)
+            return end(IdentCause::both_signs_wrong), true;
         if (spin.turn_rad / wheels_spin.turn_rad < -0.5) return end(IdentCause::wheels_swapped), true;
         found_.pose_seen = true;
         return false;
@@ -473,11 +489,12 @@ class Probe {
 
     // ---- pulses
 
-    // Forward and back to rest, backward and back to rest, with the whole amplitude; the same with half of it;
-    // and all again. The first pulse of a pair lasts for pulse_s_, the second until friction and torque have
-    // stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
+    // Forward and back to rest, backward and back to rest, with the whole amplitude; the same with half of
+    // it; and all again. The first pulse of a pair lasts for pulse_s_, the second until friction and torque
+    // have stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
     void choose_pulse() {
-        const double friction = std::min(2 * found_.friction_Nm / level_Nm_, kMostFriction);  // at half amplitude
+        const double friction =
+            std::min(2 * found_.friction_Nm / level_Nm_, kMostFriction);  // at half amplitude
         const double fast = kSpeedShare * options_.speed_limit_m_per_s;
         const double wanted_s = fast / (2 * level_Nm_ * found_.k7_per_kg_m);
         const double shortest_s = (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
@@ -524,10 +541,13 @@ class Probe {
         const double ratio = whole.mean() / half.mean();
         return {ratio, ratio * std::hypot(whole.error() / whole.mean(), half.error() / half.mean())};
     }
-    bool pulses_tell() const { return std::max(ratio_of(0).error, ratio_of(1).error) < (1 - kUnclipped) / kSure; }
+    bool pulses_tell() const {
+        return std::max(ratio_of(0).error, ratio_of(1).error) < (1 - kUnclipped) / kSure;
+    }
 
-    // Where the whole amplitude answers with less than twice the half, half of it may be clipped too: once more from
-    // there, until a torque is found that nothing clips. The first answer over the last says what arrives.
+    // Where the whole amplitude answers with less than twice the half, half of it may be clipped too: once
+    // more from there, until a torque is found that nothing clips. The first answer over the last says what
+    // arrives.
     void judge_pulses() {
         double ratio = 1, answer = 0;
         for (std::size_t wheel = 0; wheel < 2; ++wheel) {
@@ -544,7 +564,8 @@ class Probe {
             found_.clipped = true;
             level_Nm_ /= 2;
             answer_ = {};
-            if (!(level_Nm_ / 2 > kMovesAtAll * found_.friction_Nm)) return end(IdentCause::torque_not_followed);
+            if (!(level_Nm_ / 2 > kMovesAtAll * found_.friction_Nm))
+                return end(IdentCause::torque_not_followed);
             return rest_then(Stage::pulses);
         } else if (found_.clipped) {
             found_.torque_limit_Nm = tried_Nm() * first_answer_ / answer;
@@ -552,9 +573,9 @@ class Probe {
         rest_then(Stage::done);
     }
 
-    // What the drives say against what they were told for `since_s` at least; on a ramp, what they were told when
-    // they measured. The ratio is a wrong torque constant where it is the same for all torques, and clipping where
-    // it falls.
+    // What the drives say against what they were told for `since_s` at least; on a ramp, what they were told
+    // when they measured. The ratio is a wrong torque constant where it is the same for all torques, and
+    // clipping where it falls.
     void compare_report(double since_s) {
         const WheelPair<double>& told = torque_;
         const bool same = told.left == told_before_.left && told.right == told_before_.right;
@@ -612,8 +633,8 @@ class Probe {
     Mean rubbed_;
     int pushes_ = 0, gentle_ = 0;
     Stage stage_before_ = Stage::done;
-    double level_Nm_ = 0;         // of the whole pulses
-    double first_answer_ = 0;     // to those at the torque that was to be tried
+    double level_Nm_ = 0;             // of the whole pulses
+    double first_answer_ = 0;         // to those at the torque that was to be tried
     std::array<Mean, 4> reported_{};  // over asked: ramps, pushes, half pulses, whole pulses
     Pose<double> pose_sum_;
     double first_heading_rad_ = 0;

@@ -10,10 +10,10 @@
 //
 // All sums start anew in each block: ten hours of running drift no more than ten milliseconds.
 //
-// Everything is evaluated at one instant a few samples in the past (half the speed's span, and two): there the wheel speed is a
-// central difference, the torque is the piecewise constant one that the drives applied after `delay_s`
-// (fractions too), averaged over the sample, and the sign of a sliding speed is averaged with its zero
-// crossing interpolated.
+// Everything is evaluated at one instant a few samples in the past (half the speed's span, and two): there
+// the wheel speed is a central difference, the torque is the piecewise constant one that the drives applied
+// after `delay_s` (fractions too), averaged over the sample, and the sign of a sliding speed is averaged with
+// its zero crossing interpolated.
 //
 // Cost: per sample about 25 + 6 (2 + 2 taps + 2 columns) operations and two divisions for each dry parameter;
 // a row (every m samples) about 10 for each signal. No allocation.
@@ -58,10 +58,10 @@ struct RegressionFilterOptions {
     model::EffectSet<Real> effects;
     model::Dynamics<Real> dynamics;  // used by known effects only
     double sample_time_s{};
-    double kernel_s{};                          // half the averaging weight's length
-    double delay_s{};                           // from a cycle's start to the centroid of its torque
-    double sample_age_s{};                      // the part of it that the samples are known to be old
-    double tap_spacing_s{};                     // between torque columns, if there are several
+    double kernel_s{};       // half the averaging weight's length
+    double delay_s{};        // from a cycle's start to the centroid of its torque
+    double sample_age_s{};   // the part of it that the samples are known to be old
+    double tap_spacing_s{};  // between torque columns, if there are several
     int speed_span = 2;  // samples over which a speed is taken: even, 2 to 24. More where encoders are coarse
     // A wheel slower than this for more than so many samples may be held by dry friction: the row is not
     // usable.
@@ -157,10 +157,11 @@ class RegressionFilter {
 
     const RegressionRow<Real, kTaps>& row() const { return row_; }
     int block_samples() const { return block_; }
-    // Share of the wheels' time in which they were slower than standing_speed_rad_per_s, but for so short that
-    // rows were made of it: there the sign of sliding is not known for sure.
+    // Share of the wheels' time in which they were slower than standing_speed_rad_per_s, but for so short
+    // that rows were made of it: there the sign of sliding is not known for sure.
     Real slow_share() const {
-        return wheel_samples_ > 0 ? static_cast<Real>(slow_samples_) / static_cast<Real>(wheel_samples_) : Real(0);
+        return wheel_samples_ > 0 ? static_cast<Real>(slow_samples_) / static_cast<Real>(wheel_samples_)
+                                  : Real(0);
     }
     int columns() const { return columns_; }  // those of the estimated effects, in catalogue order
     const std::array<bool, model::kEffectCount>& estimated() const { return estimated_.active; }
@@ -347,9 +348,9 @@ class RegressionFilter {
     int block_ = kMinimumBlock;
     int columns_ = 0;
     std::uint32_t wheel_samples_ = 0, slow_samples_ = 0;
-    unsigned span_ = 2;     // samples
-    int latency_ = 3;       // samples
-    unsigned history_ = 32; // samples before the first row
+    unsigned span_ = 2;      // samples
+    int latency_ = 3;        // samples
+    unsigned history_ = 32;  // samples before the first row
     Real inverse_block_{}, row_scale_{}, speed_scale_{}, weight_scale_{}, inverse_track_{};
     model::Geometry<Real> geometry_{};
     model::EffectSet<Real> estimated_, known_;

@@ -19,8 +19,8 @@ struct SizingRequest {
     double amplitude_Nm{}, bit_time_s{}, kernel_s{}, speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{},
         coupling_standard_error_m{};
     // given
-    double track_m{}, radius_m{}, sample_time_s{}, distance_limit_m{}, torque_limit_Nm{}, robot_speed_limit_m_per_s{},
-        robot_yaw_rate_limit_rad_per_s{}, relative_standard_error{};
+    double track_m{}, radius_m{}, sample_time_s{}, distance_limit_m{}, torque_limit_Nm{},
+        robot_speed_limit_m_per_s{}, robot_yaw_rate_limit_rad_per_s{}, relative_standard_error{};
 };
 
 struct Sizing {
@@ -30,7 +30,7 @@ struct Sizing {
     double dry_share{};                 // friction over amplitude
     double standing_speed_rad_per_s{};  // below it a wheel may be held by friction
     int speed_span{};
-    int standing_samples{};               // and for longer than this
+    int standing_samples{};  // and for longer than this
 };
 
 // The room is crossed from its middle to its edge in about two seconds: time to turn back without hurry.
@@ -52,7 +52,8 @@ inline constexpr double kBelowSeen = 0.9;
 // Speed limits by themselves, before anything is known of the robot but its file.
 inline double speed_limit_m_per_s(const SizingRequest& r) {
     const double auto_limit = kSpeedPerRoom_per_s * r.distance_limit_m;
-    return std::min(r.speed_limit_m_per_s > 0 ? r.speed_limit_m_per_s : auto_limit, r.robot_speed_limit_m_per_s);
+    return std::min(r.speed_limit_m_per_s > 0 ? r.speed_limit_m_per_s : auto_limit,
+                    r.robot_speed_limit_m_per_s);
 }
 // As fast at the wheels as straight on.
 inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limit) {
@@ -62,8 +63,8 @@ inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limi
 }
 
 // Kernels are blocks of two thirds of them, without a common factor with a bit's samples (see
-// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands; long ones average more
-// of the encoders' noise.
+// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands; long ones average
+// more of the encoders' noise.
 inline constexpr double kBlockShare = 0.7;  // of a bit
 inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
     const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
@@ -90,7 +91,8 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     const double k8 = found.k8_per_kg_m2;
     const double friction = found.friction_Nm;
     s.amplitude_Nm = std::min(r.amplitude_Nm > 0 ? r.amplitude_Nm : r.torque_limit_Nm, r.torque_limit_Nm);
-    if (found.clipped) s.amplitude_Nm = std::min(
+    if (found.clipped)
+        s.amplitude_Nm = std::min(
             s.amplitude_Nm, (found.clipped_by_report ? kBelowReported : kBelowSeen) * found.torque_limit_Nm);
     if (!(s.amplitude_Nm > kMovesEnough * friction)) {
         s.obstacle = found.clipped ? IdentCause::torque_not_followed : IdentCause::too_heavy;
@@ -109,7 +111,8 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
 
     s.dry_share = friction / s.amplitude_Nm;
     const auto bit_at = [&](double amplitude) {
-        return kBitShare * std::min(s.speed_limit_m_per_s / k7, s.yaw_rate_limit_rad_per_s / k8) / (2 * amplitude);
+        return kBitShare * std::min(s.speed_limit_m_per_s / k7, s.yaw_rate_limit_rad_per_s / k8) /
+               (2 * amplitude);
     };
     double bit = bit_at(s.amplitude_Nm);
     if (bit < kShortestBit_s && r.amplitude_Nm <= 0) {
@@ -125,18 +128,19 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     s.bit_time_s = r.bit_time_s > 0 ? r.bit_time_s : r.sample_time_s * std::round(bit / r.sample_time_s);
     s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s);
 
-    // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of it,
-    // or to a length that no ruler tells.
+    // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of
+    // it, or to a length that no ruler tells.
     constexpr double kCouplingShare = 0.00035;
     constexpr double kCouplingLength = 1.0 / 1600;  // of the track
     const double omega = s.yaw_rate_limit_rad_per_s;
-    s.coupling_standard_error_m =
-        r.coupling_standard_error_m > 0
-            ? r.coupling_standard_error_m
-            : std::max(kCouplingLength * r.track_m, kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
+    s.coupling_standard_error_m = r.coupling_standard_error_m > 0
+                                      ? r.coupling_standard_error_m
+                                      : std::max(kCouplingLength * r.track_m,
+                                                 kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
 
-    // Speeds are taken over so long a span that a wheel which turns round with the least torque, theta = a t^2 / 2,
-    // shows its sign about as long as the noise hides it. One that stays within the noise for longer stands.
+    // Speeds are taken over so long a span that a wheel which turns round with the least torque, theta = a
+    // t^2 / 2, shows its sign about as long as the noise hides it. One that stays within the noise for longer
+    // stands.
     constexpr double kTurningShare = 0.8;
     constexpr double kSpanShare = 0.6;
     constexpr double kNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference

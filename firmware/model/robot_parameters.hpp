@@ -113,7 +113,7 @@ struct ParameterInfo {
     std::string_view key;   // dotted path in the robot file
     std::string_view unit;  // "" for none
     ParameterKind kind;
-    double standard;  // default
+    double standard;          // default
     double minimum, maximum;  // beside these, 0 where automatic()
     ChangeWhen when;
     std::span<const std::string_view> choices;  // names of a choice's values, in order of value

@@ -11,7 +11,7 @@ namespace wheelwright::task {
 
 struct NumberRange {
     double minimum, maximum;
-    std::string_view unit;  // "" for none
+    std::string_view unit;   // "" for none
     bool whole = false;      // no fractions
     bool automatic = false;  // "auto" too
 };

@@ -111,6 +111,7 @@ TEST(LoopDesign, WhatCannotHaveItsMarginsIsRefusedByName) {
     auto parameters = bench::notes_robot();
     LoopDesign<double> design;
     parameters.velocity_loop.actuation_delay_s = 12e-3;
+    parameters.velocity_loop.settling_time_s = 0.05;
     CHECK(design.run(loop_design_request<double>(parameters, 1e-3)) == DesignStatus::refused_settling);
     parameters = bench::notes_robot();
     parameters.velocity_loop.phase_margin_deg = 60;

@@ -19,6 +19,7 @@ Conditions healthy() {
     Conditions c;
     c.watchdog_confirmed = true;
     c.velocity_design_accepted = true;
+    c.model_known = true;
     c.model_trusted = true;
     return c;
 }
@@ -152,11 +153,13 @@ TEST(SupervisorEntry, each_requirement_is_named_and_a_refusal_changes_nothing) {
     refused(Mode::ident, &Conditions::moving, true, Blocker::robot_moving);
     for (Mode mode : {Mode::velocity, Mode::pose, Mode::trajectory, Mode::adaptive}) {
         refused(mode, &Conditions::velocity_design_accepted, false, Blocker::design_refused);
+        refused(mode, &Conditions::model_known, false, Blocker::not_identified);
     }
     refused(Mode::adaptive, &Conditions::model_trusted, false, Blocker::model_not_trusted);
     // Torque and identification need neither a design nor a model.
     Conditions bare = healthy();
     bare.velocity_design_accepted = false;
+    bare.model_known = false;
     bare.model_trusted = false;
     for (Mode mode : {Mode::torque, Mode::ident}) {
         Supervisor s = started();
@@ -196,7 +199,7 @@ TEST(SupervisorEntry, arming_that_takes_too_long_or_is_refused_is_a_fault_that_s
 TEST(SupervisorEntry, idle_from_motion_brakes_first) {
     Supervisor s = driving(Mode::velocity);
     Conditions c = armed();
-    c.moving = true;
+    c.moving = c.rolling = true;
     CHECK(s.request(Mode::idle, c) == Blocker::none);
     for (int i = 0; i < 100; ++i) {
         s.step(c);
@@ -204,7 +207,7 @@ TEST(SupervisorEntry, idle_from_motion_brakes_first) {
         CHECK_FALSE(s.may_drive());
         CHECK(s.wants_armed());
     }
-    c.moving = false;
+    c.moving = c.rolling = false;
     s.step(c);
     CHECK(s.mode() == Mode::idle);
     CHECK_FALSE(s.wants_armed());
@@ -213,7 +216,7 @@ TEST(SupervisorEntry, idle_from_motion_brakes_first) {
 TEST(SupervisorEntry, a_set_point_that_ends_while_braking_to_idle_is_no_fault) {
     Supervisor s = driving(Mode::velocity);
     Conditions c = armed();
-    c.moving = true;
+    c.moving = c.rolling = true;
     s.request(Mode::idle, c);
     c.command_stale = true;
     s.step(c);
@@ -225,10 +228,10 @@ TEST(SupervisorEntry, a_finished_identification_returns_to_idle) {
     Supervisor s = driving(Mode::ident);
     Conditions c = armed();
     c.mode_finished = true;
-    c.moving = true;
+    c.moving = c.rolling = true;
     s.step(c);
     CHECK(s.ramping());
-    c.moving = false;
+    c.moving = c.rolling = false;
     s.step(c);
     CHECK(s.mode() == Mode::idle);
     CHECK(s.fault() == Fault::none);
@@ -295,13 +298,13 @@ TEST(SupervisorFaults, a_fault_stays_until_cleared_at_rest_with_its_cause_gone) 
     Supervisor s = driving(Mode::velocity);
     Conditions c = armed();
     c.stop_line_active = true;
-    c.moving = true;
+    c.moving = c.rolling = true;
     s.step(c);
     c.stop_line_active = false;
     for (int i = 0; i < 1000; ++i) s.step(c);
     CHECK(s.mode() == Mode::fault);
     CHECK(s.clear_fault(c) == Blocker::robot_moving);
-    c.moving = false;
+    c.moving = c.rolling = false;
     c.stop_line_active = true;
     CHECK(s.clear_fault(c) == Blocker::stop_line_active);
     c.stop_line_active = false;
@@ -334,7 +337,7 @@ TEST(SupervisorFaults, a_configured_ramp_brakes_and_then_coasts) {
         config.ramp_limit_cycles = 30;
         Supervisor s = driving(Mode::trajectory, config);
         Conditions c = armed();
-        c.moving = true;
+        c.moving = c.rolling = true;
         c.*one.what = true;
         s.step(c);
         CHECK(s.mode() == Mode::fault);
@@ -361,7 +364,7 @@ TEST(SupervisorFaults, a_ramp_gives_way_to_whatever_makes_braking_unsafe) {
         config.stops.stale_command_ramps = true;
         Supervisor s = driving(Mode::velocity, config);
         Conditions c = armed();
-        c.moving = true;
+        c.moving = c.rolling = true;
         c.command_stale = true;
         s.step(c);
         CHECK(s.ramping());
@@ -373,7 +376,7 @@ TEST(SupervisorFaults, a_ramp_gives_way_to_whatever_makes_braking_unsafe) {
     config.stops.stale_command_ramps = true;
     Supervisor s = driving(Mode::velocity, config);
     Conditions c = armed();
-    c.moving = true;
+    c.moving = c.rolling = true;
     c.command_stale = true;
     s.step(c);
     c.drives_armed = false;
@@ -398,7 +401,7 @@ TEST(SupervisorRandomWalk, whatever_happens_the_wheels_are_driven_only_with_perm
     for (long i = 0; i < 2'000'000; ++i) {
         Conditions c = healthy();
         c.drives_armed = s.wants_armed() && !chance(40);
-        c.moving = chance(2);
+        c.moving = c.rolling = chance(2);
         bool dangerous = false;
         for (const Danger& danger : kDangers) {
             if (chance(400)) {

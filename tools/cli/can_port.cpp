@@ -84,6 +84,7 @@ void catch_interrupt() {
 }
 
 bool interrupted() { return g_interrupted != 0; }
+void forget_interrupt() { g_interrupted = 0; }
 
 void sleep_until(std::int64_t deadline_ns) {
     timespec until{};

@@ -16,7 +16,7 @@ struct NamedParameter {
     std::string key;  // dotted path in the robot file
     std::string unit;
     double minimum = 0, maximum = 0;
-    bool automatic = false;  // "auto" too, which is 0
+    bool automatic = false;          // "auto" too, which is 0
     std::optional<double> standard;  // effects have none
     model::ChangeWhen when = model::ChangeWhen::start;
     model::ParameterKind kind = model::ParameterKind::real;
