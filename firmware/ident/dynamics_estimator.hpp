@@ -343,14 +343,16 @@ class DynamicsEstimator {
         return result;
     }
 
-    // The share of the slow acceleration that is unexplained beyond what white noise on the plant would
-    // leave: rows average it with a quadratic B-spline, so that of its power 0.55 stands in a row and all of
-    // it in long runs. Noise of the sensors leaves less.
-    Real slower_than_white(const Equation& e) const {
+    // The share of the slow acceleration that something missing may stand behind: what is unexplained beyond
+    // white noise on the plant (rows average it with a quadratic B-spline, so that of its power 0.55 stands
+    // in a row and all of it in long runs), and of what is not beyond it some, for noise hides as much.
+    Real missing_share(const Equation& e) const {
         if (!(e.motion_power > 0)) return 0;
         constexpr Real kInARow = Real(0.55);
+        constexpr Real kHidden = Real(0.4);
         const Real white = static_cast<Real>(e.runs) * kRunRows * e.errors.residual_variance() / kInARow;
-        return std::sqrt(std::max(e.residual_power - white, Real(0)) / e.motion_power);
+        const Real beyond = std::max(e.residual_power - white, Real(0));
+        return std::sqrt((beyond + kHidden * kHidden * (e.residual_power - beyond)) / e.motion_power);
     }
 
     void publish() {
@@ -369,7 +371,7 @@ class DynamicsEstimator {
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
         const Real reversal = options_.dry_share * options_.dry_share * filter_.slow_share();
-        const WheelPair<Real> missing{slower_than_white(linear), slower_than_white(turning)};
+        const WheelPair<Real> missing{missing_share(linear), missing_share(turning)};
         const auto widened = [&](Real error, Real k, Real share) {
             return std::hypot(error, k * reversal, k * static_cast<Real>(kShareInGain) * share);
         };

@@ -65,10 +65,13 @@ inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limi
 // Kernels are blocks of two thirds of them, without a common factor with a bit's samples (see
 // DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands; long ones average
 // more of the encoders' noise.
-inline constexpr double kBlockShare = 0.7;  // of a bit
-inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
+inline constexpr double kBlockShare = 1.45;        // of a bit
+inline constexpr double kRubbingBlockShare = 0.7;  // where friction takes kRubbing of the torque
+inline constexpr double kRubbing = 0.1;
+inline double kernel_for_bit_s(double bit_time_s, double sample_time_s, double dry_share = 0) {
     const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
-    int block = std::max(6, static_cast<int>(std::lround(kBlockShare * bit)));
+    int block = std::max(
+        6, static_cast<int>(std::lround((dry_share < kRubbing ? kBlockShare : kRubbingBlockShare) * bit)));
     const auto share_a_factor = [](int a, int b) {  // Euclid
         while (b != 0) a = std::exchange(b, a % b);
         return a != 1;
@@ -126,7 +129,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     }
     bit = std::clamp(bit, kShortestBit_s, kLongestBit_s);
     s.bit_time_s = r.bit_time_s > 0 ? r.bit_time_s : r.sample_time_s * std::round(bit / r.sample_time_s);
-    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s);
+    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s, s.dry_share);
 
     // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of
     // it, or to a length that no ruler tells.
