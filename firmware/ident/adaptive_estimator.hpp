@@ -233,6 +233,7 @@ class AdaptiveEstimator {
     static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
     static constexpr int kWindowRows = 3;  // rows that one event can touch
     static constexpr int kRunRows = 16;
+    static constexpr Real kSumGateShare = Real(0.45);  // of the rows' gate squared: sums are fewer, hence 4 sigma of 6
     static constexpr int kNoiseRows = 300;                 // over which the noise is averaged
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
     static constexpr Real kLeastEffectError = Real(0.05);  // relative, of the effects' parameters
@@ -427,7 +428,7 @@ class AdaptiveEstimator {
         row.run_sum += row.innovation / std::sqrt(deviation);
         if (++row.run < kRunRows) return false;
         const Real slow = row.run_sum * row.run_sum / kRunRows;
-        const Real slow_limit = gate * std::max(Real(1), row.slow_power);
+        const Real slow_limit = kSumGateShare * gate * std::max(Real(1), row.slow_power);
         row.slow_power += (std::min(slow, slow_limit) - row.slow_power) * kRunRows / kNoiseRows;
         row.run = 0;
         row.run_sum = 0;

@@ -25,6 +25,7 @@ constexpr double kFigureEightAim = 0.01;
 constexpr double kAdaptationAim = 0.05;  // K7 and K8, relative, with the load and without
 constexpr double kKnowingShare = 0.95;   // of those that drove adaptively
 constexpr double kAdaptiveRmsAim = 1.1;  // RMS error with a load in adaptive mode over that in trajectory mode
+constexpr double kPoseNoiseShare = 0.1;  // of the figure-8's aim: as much more is chance
 constexpr double kFaultSpeedAim = 1.5;   // fastest true speed of a rim over that at both limits
 
 constexpr double kInterval_sigma = 1.96;
@@ -56,7 +57,11 @@ bool sure_and_wrong(const Driving& d) {
     return d.adapted && (d.loaded.wrong(kAdaptationAim) || d.unloaded.wrong(kAdaptationAim));
 }
 bool knows_load(const Driving& d) { return d.adapted && d.loaded.known() && d.unloaded.known(); }
-bool tracks_load(const Driving& d) { return d.adaptive_rms_share <= kAdaptiveRmsAim * d.load_rms_share; }
+// An external pose's noise makes two drives unlike, by a small part of what a figure-8 may be off.
+bool tracks_load(const Driving& d) {
+    return d.adaptive_rms_share <=
+           std::max(kAdaptiveRmsAim * d.load_rms_share, d.load_rms_share + kPoseNoiseShare * kFigureEightAim);
+}
 
 // With these nothing that is identified can be right: the signs, the sides or a wheel are wrong.
 bool cannot_be_right(RobotFault fault) {
@@ -175,6 +180,10 @@ const std::vector<TableColumn> kDriven{
      [](const R& r) {
          return driven(r, [](const Driving& d) { return d.adapted ? 100 * d.adaptation_error() : NAN; });
      }},
+    {{"adaptive_rms_ratio", "8 ratio"},
+     [](const R& r) {
+         return driven(r, [](const Driving& d) { return d.adaptive_rms_share / d.load_rms_share; });
+     }},
     {{"adaptation_sigma_percent", "told %"},
      [](const R& r) {
          return driven(r, [](const Driving& d) {
@@ -280,8 +289,8 @@ std::vector<Aim> aims_of(const std::vector<RobotResult>& results, const RobotsRu
          static_cast<double>(sure), 0, 0, "", "with a load or without it again"},
         {"adaptation_known_percent", "says it knows K7 and K8 then", percent(knowing, with_load),
          100 * kKnowingShare, 100, "%", "of those driven with a load; standard errors within 2.5 %"},
-        {"adaptation_tracking_percent", "adaptive RMS error at most 1.1 of that without adapting",
-         percent(tracking_load, with_load), 100 * kDrivenShare, 100, "%", "of those driven with a load"},
+        {"adaptation_tracking_percent", "RMS error in adaptive mode as good as without adapting",
+         percent(tracking_load, with_load), 100 * kDrivenShare, 100, "%", "of those driven with a load; at most 1.1 of it, or 0.1 % of the length more"},
     };
 }
 
