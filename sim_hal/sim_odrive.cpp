@@ -295,20 +295,20 @@ void SimOdrive::check_watchdog(std::int64_t now_ns) {
     raise_error(config_.generation == 5 ? 0x800U : 0x0100'0000U);
 }
 
+void SimOdrive::reverse_encoder() {
+    counts_per_rad_ = -counts_per_rad_;
+    origin_counts_ -= 2 * last_counts_;
+    last_counts_ = -last_counts_;
+    last_speed_ = -last_speed_;
+}
+
 // The eight readings since the last millisecond. The wheel's path between the two known ends is the cubic
 // with the right speeds there: wrong by less than 1e-5 rad even across a torque step, a tenth of a count.
 void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_s) {
     constexpr double kStep = 1.0 / kReadingsPerMs;
     constexpr double kPeriod_s = 1e-3 * kStep;
-    if ((counts_direction_ < 0) != faults_.encoder_reversed) {  // counts on from where it is
-        counts_direction_ = -counts_direction_;
-        origin_counts_ -= 2 * last_counts_;
-        last_counts_ = -last_counts_;
-        last_speed_ = -last_speed_;
-    }
-    const double per_rad = counts_direction_ * counts_per_rad_;
-    const double counts = wheel_angle_rad * per_rad;
-    const double speed = wheel_speed_rad_per_s * per_rad * (static_cast<double>(period_ps_) * 1e-12);
+    const double counts = wheel_angle_rad * counts_per_rad_;
+    const double speed = wheel_speed_rad_per_s * counts_per_rad_ * (static_cast<double>(period_ps_) * 1e-12);
     const double moved = counts - last_counts_;
     const double c2 = 3 * moved - 2 * last_speed_ - speed;
     const double c3 = last_speed_ + speed - 2 * moved;

@@ -69,12 +69,11 @@ struct SimOdriveConfig {
 
 // What can be made to fail. All of them start and end at once.
 struct SimOdriveFaults {
-    bool mute = false;              // sends nothing, obeys still
-    bool deaf = false;              // receives nothing
-    bool frozen_encoder = false;    // counts do not change
-    bool encoder_reversed = false;  // counts down where it should count up; the torque's direction stays
-    bool powered_off = false;       // mute, deaf and without torque; comes back idle, at position 0
-    bool motor_unplugged = false;   // ODrive#700: closed loop is left, and no error appears in the heartbeat
+    bool mute = false;             // sends nothing, obeys still
+    bool deaf = false;             // receives nothing
+    bool frozen_encoder = false;   // counts do not change
+    bool powered_off = false;      // mute, deaf and without torque; comes back idle, at position 0
+    bool motor_unplugged = false;  // ODrive#700: closed loop is left, and no error appears in the heartbeat
 };
 
 class SimOdrive {
@@ -109,7 +108,8 @@ class SimOdrive {
     SimOdriveFaults& faults() { return faults_; }
     void raise_error(std::uint32_t bits);     // as if the drive had found it itself
     void drop_out() { leave_closed_loop(); }  // ends closed loop without any error
-    void clear_errors();                      // as the frame does; 0.5 boards clear both axes
+    void reverse_encoder();  // counts the other way from where it is; the torque's direction stays
+    void clear_errors();     // as the frame does; 0.5 boards clear both axes
 
     const SimOdriveConfig& config() const { return config_; }
     bool armed() const { return axis_state_ == kClosedLoop; }
@@ -184,7 +184,6 @@ class SimOdrive {
     double origin_counts_ = 0;  // where the drive was switched on
     double frozen_count_ = 0;
     bool was_frozen_ = false;
-    double counts_direction_ = 1;  // -1: reversed
     double position_estimate_ = 0;
     double velocity_estimate_ = 0;  // counts/s
     bool plain_report_ = true;

@@ -113,8 +113,9 @@ class RegressionFilter {
             const double at_s = delay_s + (k - (kTaps - 1) / 2.0) * tap_spacing_s;
             const double samples = std::clamp(at_s / options_.sample_time_s, kMinimumDelay, kMaximumDelay);
             Tap& tap = tap_[static_cast<std::size_t>(k)];
-            tap.whole = static_cast<int>(std::floor(samples));
-            const auto f = static_cast<Real>(samples - static_cast<double>(tap.whole));
+            const double whole = std::floor(samples);
+            tap.back = static_cast<unsigned>(latency_ - 1 + static_cast<int>(whole));
+            const auto f = static_cast<Real>(samples - whole);
             tap.newest = (1 - f) * (1 - f) / 2;
             tap.oldest = f * f / 2;
             tap.middle = 1 - tap.newest - tap.oldest;
@@ -140,8 +141,11 @@ class RegressionFilter {
         const unsigned now = now_++;  // may wrap: the rings' sizes are powers of two
         angle_[now % kAngles] = sample.angle_rad;
         torque_[now % kTorques] = sample.last_torque_Nm;
-        if (warm_up_ < history_) ++warm_up_;
-        if (warm_up_ <= span_ + 1) return false;
+        bool warm = warm_up_ >= history_;
+        if (!warm) {
+            if (++warm_up_ <= span_ + 1) return false;
+            warm = warm_up_ >= history_;
+        }
 
         // speed two samples ago; everything else three samples ago, between the speeds before and after
         const WheelPair<double>& newest = angle_[(now - 1) % kAngles];
@@ -150,7 +154,7 @@ class RegressionFilter {
         speed_[1] = speed_[2];
         speed_[2] = {static_cast<Real>(newest.left - oldest.left) * speed_scale_,
                      static_cast<Real>(newest.right - oldest.right) * speed_scale_};
-        if (warm_up_ < history_) return false;  // history not yet filled
+        if (!warm) return false;  // history not yet filled
         if (!sample.usable) masked_in_block_ = true;
         return take_instant(now, sample.heading_rad);
     }
@@ -177,7 +181,7 @@ class RegressionFilter {
     using Signals = std::array<Real, kSignals>;
 
     struct Tap {
-        int whole = 0;
+        unsigned back = 0;  // torques ago, at the row's instant
         Real newest{}, middle{}, oldest{};
     };
     // A block's share in the three rows it is part of.
@@ -230,7 +234,7 @@ class RegressionFilter {
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
             const Tap& tap = tap_[k];
             // torque_[n] was told in cycle n - 1
-            const unsigned n = now - static_cast<unsigned>(latency_ - 1 + tap.whole);
+            const unsigned n = now - tap.back;
             const WheelPair<Real>& a = torque_[n % kTorques];
             const WheelPair<Real>& b = torque_[(n - 1) % kTorques];
             const WheelPair<Real>& c = torque_[(n - 2) % kTorques];
@@ -285,8 +289,8 @@ class RegressionFilter {
     }
 
     void count_standing(int& run, Real speed) {
-        ++wheel_samples_;
         if (std::abs(speed) >= options_.standing_speed_rad_per_s) {
+            if (run == 0) return;
             if (run <= options_.standing_samples) slow_samples_ += static_cast<std::uint32_t>(run);
             run = 0;
         } else if (++run > options_.standing_samples) {
@@ -295,6 +299,7 @@ class RegressionFilter {
     }
 
     bool finish_block() {
+        wheel_samples_ += 2 * static_cast<std::uint32_t>(block_);
         masked_blocks_ = (masked_blocks_ << 1U | (masked_in_block_ ? 1U : 0U)) & 7U;
         const bool complete = blocks_ >= 2;
         if (complete) make_row();

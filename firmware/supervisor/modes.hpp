@@ -34,7 +34,7 @@ struct Conditions {
     bool not_finite = false;                // a computed torque or state was not a number
     bool terminate = false;                 // the process was asked to end
     bool moving = false;                    // a wheel's rim is faster than safety.clear_speed_m_per_s
-    bool rolling = false;                   // a wheel does not stand yet
+    bool rolling = true;                    // a wheel does not stand yet; looked at while braking
     bool model_known = false;               // K7 and K8 are identified or given, not the defaults
     bool velocity_design_accepted = false;  // the velocity loops have a design with the demanded margins
     bool model_trusted = false;             // K7 and K8 have standard errors within the limit

@@ -86,7 +86,8 @@ void Cycle::configure() {
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
     odometry_.configure(control::odometry_settings<double>(parameters_));
     effects_measured_ = effects_measured(parameters_);
-    model_known_ = model_known(parameters_);
+    conditions_.model_known = model_known(parameters_);
+    sample_age_ns_ = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
     ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
     ports_.right.set_torque_scale(parameters_.drive.right.torque_scale);
 }
@@ -146,8 +147,8 @@ void Cycle::observe() {
                       time_.scheduled_ns, parameters_.adaptation.slip_yaw_rate_rad_per_s);
     }
 
-    const auto age_ns = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
-    angles_known_ = observer_.angles_at(time_.scheduled_ns - age_ns, sample_.angle_rad) && time_.missed == 0;
+    angles_known_ =
+        observer_.angles_at(time_.scheduled_ns - sample_age_ns_, sample_.angle_rad) && time_.missed == 0;
     sample_.usable = angles_known_ && !slip_.slipping(time_.scheduled_ns);
     sample_.last_torque_Nm = sent_torque_Nm_;
     sample_.heading_rad = odometry_.pose().heading_rad;
@@ -220,13 +221,15 @@ void Cycle::judge_conditions() {
     const double rim = std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
                                 std::abs(radius.right * motion.wheel_speed_rad_per_s.right));
     c.moving = rim > safety.clear_speed_m_per_s;
-    resting_cycles_ = rim > kStandingShare * safety.clear_speed_m_per_s ? 0 : resting_cycles_ + 1;
-    c.rolling = resting_cycles_ < kStandingCycles;
+    c.rolling = true;
+    if (supervisor_.ramping()) {
+        resting_cycles_ = rim > kStandingShare * safety.clear_speed_m_per_s ? 0 : resting_cycles_ + 1;
+        c.rolling = resting_cycles_ < kStandingCycles;
+    }
     c.velocity_design_accepted = control_.design_accepted();
     const auto& k = parameters_.dynamics;
     const auto& e = parameters_.dynamics_standard_error;
     const double trust = parameters_.adaptation.trust_relative_error;
-    c.model_known = model_known_;
     c.model_trusted = effects_measured_ && e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 &&
                       e.k7_per_kg_m <= trust * k.k7_per_kg_m && e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
     c.mode_finished =
@@ -276,7 +279,10 @@ void Cycle::obey() {
             learning_.start_adaptation(parameters_, control_.plant());
         }
     }
-    if (supervisor_.ramping() && !was_ramping_) control_.begin_braking(now);
+    if (supervisor_.ramping() && !was_ramping_) {
+        control_.begin_braking(now);
+        resting_cycles_ = 0;
+    }
     was_ramping_ = supervisor_.ramping();
 
     if (conditions_.terminate && !wanted) {

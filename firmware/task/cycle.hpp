@@ -110,11 +110,11 @@ class Cycle {
     void transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
     void configure();
     void finish_identification();
-    void use_rough_model();
+    [[gnu::noinline]] void use_rough_model();
     bool setpoint_stale() const;
     bool stale(std::int64_t time_ns, double limit_s) const;
     MotionInputs motion_inputs() const;
-    WheelPair<double> identify(const MotionInputs& now);
+    [[gnu::noinline]] WheelPair<double> identify(const MotionInputs& now);
     bool may_brake() const { return conditions_.model_known || rough_model_; }
 
     model::RobotParameters& parameters_;
@@ -149,8 +149,8 @@ class Cycle {
     MotionOutput output_;
     WheelPair<double> sent_torque_Nm_;
     bool effects_measured_ = false;
-    bool model_known_ = false;
     bool angles_known_ = false;
+    std::int64_t sample_age_ns_ = 0;
     bool was_armed_ = false;
     bool was_ramping_ = false;
     bool drives_wanted_ = false;

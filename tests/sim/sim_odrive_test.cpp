@@ -337,12 +337,12 @@ TEST(SimDrive, a_reversed_encoder_counts_the_other_way_from_where_it_is_and_back
     const double turns_per_ms = -3e-3 * 6.25 / kTwoPi;
     b.advance_ms(100);
     const float before = float_at(b.out.last[0x09], 0);
-    b.drive.faults().encoder_reversed = true;
+    b.drive.reverse_encoder();
     b.advance_ms(100);
     DOUBLES_EQUAL(static_cast<double>(before) - 100 * turns_per_ms,
                   static_cast<double>(float_at(b.out.last[0x09], 0)), std::abs(8 * turns_per_ms));
     DOUBLES_EQUAL(3 * 6.25 / kTwoPi, float_at(b.out.last[0x09], 4), 0.02);
-    b.drive.faults().encoder_reversed = false;
+    b.drive.reverse_encoder();
     b.advance_ms(100);
     DOUBLES_EQUAL(static_cast<double>(before), static_cast<double>(float_at(b.out.last[0x09], 0)),
                   std::abs(16 * turns_per_ms));

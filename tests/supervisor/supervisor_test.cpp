@@ -17,6 +17,7 @@ constexpr std::array kDrivingModes{Mode::torque, Mode::ident,      Mode::velocit
 
 Conditions healthy() {
     Conditions c;
+    c.rolling = false;
     c.watchdog_confirmed = true;
     c.velocity_design_accepted = true;
     c.model_known = true;

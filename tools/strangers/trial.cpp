@@ -23,7 +23,7 @@ FourValues four(const model::Dynamics<double>& k) {
 // Faults that no file can say.
 void apply_fault(Simulation& sim, const DrawnRobot& robot) {
     if (robot.fault == RobotFault::encoder_against_torque)
-        sim.world().drive(robot.fault_side).faults().encoder_reversed = true;
+        sim.world().drive(robot.fault_side).reverse_encoder();
     if (robot.fault != RobotFault::wheel_in_air) return;
     sim::PlantParameters p = sim.world().plant().parameters();
     (robot.fault_side == 0 ? p.lifted.left : p.lifted.right) = true;
