@@ -63,6 +63,8 @@ def figure_eight_errors(rig_, length, width, period, from_s):
         f"figure-8, {rows[0][0] - first:.0f} s to {rows[-1][0] - first:.0f} s: {1e3 * rms(best):.1f} mm RMS, "
         f"{1e3 * max(best):.1f} mm at worst; its start is known to {1e3 * (latest - earliest):.0f} ms")
 
+SETTLING_S = 0.05  # what velocity_loop.settling_time_s = "auto" comes to on this robot
+
 
 class Drive(unittest.TestCase):
     """One robot, one firmware; the cases run in the order of their names."""
@@ -147,7 +149,7 @@ class Drive(unittest.TestCase):
             late = next(when for when, _ in rows if when > outside[-1])
             print(f"step of {step} {unit}: within 1 % after {1e3 * outside[-1]:.0f} to {1e3 * late:.0f} ms, highest "
                   f"{100 * (max(speed for _, speed in rows) - final) / step:.2f} % over")
-            self.assertLess(outside[-1], rig.limit("velocity_loop.settling_time_s"))
+            self.assertLess(outside[-1], SETTLING_S)
 
     def test_3_velocity_by_ctl(self):
         ctl = subprocess.Popen([rig.wheelwright(), "ctl", "--can", "vcan0", "velocity", "0.2", "0", "--enter",

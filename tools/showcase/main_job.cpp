@@ -33,7 +33,7 @@ void MainJob::identify(Simulation& sim, const Progress& progress) {
 }
 
 void MainJob::tune(Simulation& sim) {
-    settling_aim_s = sim.parameters().velocity_loop.settling_time_s;
+    settling_aim_s = control::velocity_loop_speed(sim.parameters(), task::kCyclePeriod_s).settling_time_s;
     design = sim.cycle().control().design().result();
     speed_step = velocity_step(sim, {speed_step_m_per_s, 0});
     yaw_step = velocity_step(sim, {0, yaw_step_rad_per_s});
