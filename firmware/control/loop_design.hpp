@@ -26,6 +26,7 @@
 #include <string_view>
 
 #include "firmware/control/velocity_loop.hpp"
+#include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/control/wheel_observer.hpp"
 #include "firmware/model/robot_parameters.hpp"
 
@@ -100,7 +101,8 @@ class LoopDesign {
         observer_ = observer_gains(request.observer_bandwidth_rad_per_s, request.encoder_period_s);
         LoopGains<Real>& g = result_.gains;
         if (request.method == model::LoopDesignMethod::paper) {
-            const Real omega_n = Real(4.605170185988091) / (request.damping * request.settling_time_s);
+            const Real omega_n =
+                Real(kTimeConstantsToOnePercent) / (request.damping * request.settling_time_s);
             g.kp_per_s = 2 * request.damping * omega_n;
             g.ki_per_s2 = omega_n * omega_n;
             g.setpoint_weight = 1;
@@ -108,7 +110,7 @@ class LoopDesign {
             g.lead_s = 0;
             begin_sweep();
         } else {
-            begin_response(Real(4.605170185988091) / (weight() * request.settling_time_s));
+            begin_response(Real(kTimeConstantsToOnePercent) / (weight() * request.settling_time_s));
         }
     }
 

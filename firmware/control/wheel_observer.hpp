@@ -23,6 +23,7 @@
 #include <cstdlib>
 
 #include "firmware/control/feedback_linearisation.hpp"
+#include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/model/types.hpp"
 
 namespace wheelwright::control {
@@ -323,43 +324,6 @@ class WheelObserver {
     WheelPair<Real> turned_;
     model::Motion<Real> motion_;
 };
-
-// How quick the velocity loops of this robot may be.
-struct VelocityLoopSpeed {
-    double settling_time_s{};
-    double observer_bandwidth_rad_per_s{};
-};
-
-// What the robot file says; "auto" follows from the robot:
-// - delay: a loop needs some fourteen times its delay to settle (where an effect makes the torque later, this
-//   bounds a given time too);
-// - encoders: what is left of their noise in the true speed, after a loop that settles in t,
-//   r sigma sqrt(T) (4.6 / t)^1.5, shall be 0.6 % of a step that the torque can give in t, 0.3 t a;
-// - fifty cycles, so that a loop is seen as continuous.
-// The observer is as much faster than the loop as a filter of three poles in it needs to cost little phase.
-inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from, double cycle_s) {
-    constexpr double kSettlingPerDelay = 14;
-    constexpr double kFewestCycles = 50;
-    constexpr double kObserverPerSettling = 12.5;
-    constexpr double kRippleShare = 0.006;
-    constexpr double kStepShare = 0.3;
-    const auto& loop = from.velocity_loop;
-    const double effects_s = model::effects_delay_s(from.effects);
-    const double by_delay_s = kSettlingPerDelay * (loop.actuation_delay_s + effects_s);
-    VelocityLoopSpeed speed{loop.settling_time_s, loop.observer_bandwidth_rad_per_s};
-    if (loop.settling_time_s > 0) {
-        if (effects_s > 0) speed.settling_time_s = std::max(speed.settling_time_s, by_delay_s);
-    } else {
-        const double acceleration_m_per_s2 = 2 * from.dynamics.k7_per_kg_m * from.limits.torque_Nm;
-        const double noise = from.geometry.mean_radius_m() * loop.angle_noise_rad * std::sqrt(cycle_s) *
-                             std::pow(4.605170185988091, 1.5);
-        const double by_noise_s = std::pow(noise / (kRippleShare * kStepShare * acceleration_m_per_s2), 0.4);
-        speed.settling_time_s = std::max({kFewestCycles * cycle_s, by_delay_s, by_noise_s});
-    }
-    if (loop.observer_bandwidth_rad_per_s <= 0)
-        speed.observer_bandwidth_rad_per_s = kObserverPerSettling / speed.settling_time_s;
-    return speed;
-}
 
 template <typename Real>
 WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters& from, Real cycle_s) {

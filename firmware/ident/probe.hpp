@@ -4,14 +4,13 @@
 //   left       torque on the left wheel alone, rising slowly until it moves: sign, breakaway friction
 //   right      the same on the right
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
-//   turning    the same in place: with `forward` rough K7 and K8, friction, and how the wheels act on each
-//   other pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
+//   turning    the same in place: rough K7 and K8, friction, and how the wheels act on each other
+//   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
 // torque and its opposite friction cancels. No wheel gets faster than kSpeedShare of the speed limit.
 //
-// What is wrong with the robot has a name, IdentCause, before anything moves fast. Which motor is which,
-// and which way is forward, the wheels' own encoders cannot tell: an external pose can, where there is one.
+// What is wrong with the robot has a name, IdentCause, before anything moves fast.
 //
 // One call of step() a cycle, less than 300 operations, but for the one that ends a parabola (about 200
 // more). No allocation.
@@ -24,6 +23,8 @@
 #include <cstdint>
 
 #include "firmware/ident/parabola.hpp"
+#include "firmware/ident/side_witness.hpp"
+#include "firmware/ident/torque_reports.hpp"
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/types.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
@@ -31,6 +32,9 @@
 namespace wheelwright::ident {
 
 using protocol::IdentCause;
+
+// Of the friction: a torque that moves a robot enough to learn from.
+inline constexpr double kMovesEnough = 1.5;
 
 struct ProbeOptions {
     model::Geometry<double> geometry;
@@ -75,14 +79,13 @@ class Probe {
         *this = Probe{};
         options_ = options;
         found_.torque_limit_Nm = tried_Nm();
-        found_.breakaway_Nm = {};
+        sides_.start(options.geometry, options.pose_noise_m, options.heading_noise_rad);
         go(Stage::rest);
     }
 
     // The torque for this cycle; zero when finished.
     WheelPair<double> step(const ProbeSample& sample) {
         if (finished()) return {};
-        ++cycles_;
         ++stage_cycles_;
         take(sample);
         switch (stage_) {
@@ -114,16 +117,9 @@ class Probe {
 
     bool finished() const { return stage_ == Stage::done; }
     const ProbeFindings& findings() const { return found_; }
-    double elapsed_s() const { return cycles_ * options_.sample_time_s; }
-    double progress() const { return std::min(1.0, static_cast<double>(stage_) / 7.0); }
 
   private:
     enum class Stage : std::uint8_t { rest, left, right, forward, turning, pulses, pause, done };
-
-    // A motion of the robot.
-    struct Way {
-        double forward_m, turn_rad;
-    };
 
     // Seconds below are of a person's patience and of the drives' delay, of which none is longer than 6 ms.
     static constexpr double kRest_s = 0.4;
@@ -138,16 +134,13 @@ class Probe {
     static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
     static constexpr double kNoises = 8;         // and of the noise
     static constexpr double kFree = 0.15;  // of its own push that a wheel on the ground drags the other with
-    static constexpr double kFreeRatio = 2.2;       // and no drive is so much weaker than the other
-    static constexpr double kReportAge_s = 0.004;   // about: lag, bus, and the cycle's own age
-    static constexpr double kSteadyRamp_s = 0.15;   // then the age is a small share of the ramp
-    static constexpr double kWorstConstant = 0.75;  // reported over asked
-    static constexpr std::uint32_t kFewestReports = 4;
-    static constexpr double kMovesAtAll = 1.5;    // friction, in a torque that still moves the robot
-    static constexpr double kUnclipped = 0.97;    // of what was asked
-    static constexpr double kSure = 4;            // standard errors
-    static constexpr double kMostFriction = 0.8;  // of a torque, that pulses still move against
-    static constexpr double kFitShare = 0.9;      // of a pulse; at its end the wheel may stand
+    static constexpr double kFreeRatio = 2.2;      // and no drive is so much weaker than the other
+    static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
+    static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
+    static constexpr double kUnclipped = 0.97;     // of what was asked
+    static constexpr double kSure = 4;             // standard errors
+    static constexpr double kMostFriction = 0.8;   // of a torque, that pulses still move against
+    static constexpr double kFitShare = 0.9;       // of a pulse; at its end the wheel may stand
     static constexpr double kShortestFit_s = 0.010;
     static constexpr double kLongestPulse_s = 0.25;
     static constexpr double kPushesRoomShare = 0.2;  // of the room, for all pushes forward
@@ -198,14 +191,7 @@ class Probe {
         usable_ = sample.usable;
         report_ = sample.reported_Nm;
         report_is_new_ = sample.report_is_new;
-        if (sample.pose_is_new) {
-            // mean of the poses while the robot stands
-            pose_sum_.x_m += sample.pose.x_m;
-            pose_sum_.y_m += sample.pose.y_m;
-            if (pose_count_ == 0) first_heading_rad_ = sample.pose.heading_rad;
-            pose_sum_.heading_rad += wrap_angle_rad(sample.pose.heading_rad - first_heading_rad_);
-            ++pose_count_;
-        }
+        if (sample.pose_is_new) sides_.add(sample.pose);
     }
 
     WheelPair<double> moved() const { return {angle_.left - begin_.left, angle_.right - begin_.right}; }
@@ -226,7 +212,7 @@ class Probe {
         const WheelPair<double> m = moved();
         if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough())
             return end(IdentCause::not_at_rest);
-        note_pose(0);
+        sides_.halt(0, angle_);
         go(Stage::left);
     }
 
@@ -281,18 +267,18 @@ class Probe {
             torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
                        -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
         }
-        if (still && still_cycles_ == 0) forget_poses();
+        if (still && still_cycles_ == 0) sides_.forget();
         ++still_cycles_;
         if (still_cycles_ * options_.sample_time_s < kStill_s && stage_s() < kLongestPause_s) return;
         const Stage next = next_;
         if (next == Stage::forward) {
             if (!(found_.breakaway_Nm.left > 0)) return end(IdentCause::left_wheel_does_not_turn);
-            note_pose(0);
+            sides_.halt(0, angle_);
         }
-        if (next == Stage::turning && stage_before_ == Stage::forward) note_pose(1);
+        if (next == Stage::turning && stage_before_ == Stage::forward) sides_.halt(1, angle_);
         if (next == Stage::pulses && level_Nm_ == 0) {
-            note_pose(2);
-            if (judge_pose() || judge_coupling()) return;
+            sides_.halt(2, angle_);
+            if (judge_sides() || judge_coupling()) return;
         }
         if (next == Stage::done) return end(IdentCause::none);
         if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {
@@ -379,7 +365,8 @@ class Probe {
         rubbed_.add(-(sum(0, r.left) + sum(1, r.right)) / 2);
         fit_ = {};
         // again, until an external pose can tell that way from its noise
-        if (++pushes_ < kMostPushes && (pushes_ < kFewestPushes || !pose_would_tell(turning)) && room_left())
+        if (++pushes_ < kMostPushes &&
+            (pushes_ < kFewestPushes || !sides_.would_tell(stage_way(), turning)) && room_left())
             return rest_then(stage_);
         const WheelPair<double> d{answered_[0].mean(), answered_[1].mean()};
         if (!turning) {
@@ -389,7 +376,6 @@ class Probe {
             found_.friction_Nm = both > 0 ? std::max(0.0, rubbed_.mean() / both) : 0;
             found_.k7_per_kg_m = both / 2;
         } else {
-            turning_ = d;
             found_.k8_per_kg_m2 = (d.right - d.left) / 2 / options_.geometry.track_m;
             found_.pushed_m_per_s2_Nm = {(forward_.left - d.left) / 2, (forward_.right + d.right) / 2};
             found_.dragged_m_per_s2_Nm = {(forward_.left + d.left) / 2, (forward_.right - d.right) / 2};
@@ -397,20 +383,7 @@ class Probe {
         rest_then(turning ? Stage::pulses : Stage::turning);
     }
     // How the wheels have gone in this stage.
-    Way stage_way() const {
-        const auto& r = options_.geometry.wheel_radius_m;
-        const double left = r.left * (angle_.left - push_begin_.left);
-        const double right = r.right * (angle_.right - push_begin_.right);
-        return {(left + right) / 2, (right - left) / options_.geometry.track_m};
-    }
-    bool pose_would_tell(bool turning) const {
-        if (poses_[0] == 0) return true;
-        const Way way = stage_way();
-        constexpr double kTells = 20;  // of an averaged pose's noise
-        const double shrink = std::sqrt(static_cast<double>(poses_[0]));
-        return turning ? std::abs(way.turn_rad) > kTells * options_.heading_noise_rad / shrink
-                       : std::abs(way.forward_m) > kTells * options_.pose_noise_m / shrink;
-    }
+    SideWitness::Way stage_way() const { return sides_.rolled(push_begin_, angle_); }
     bool room_left() const {
         return std::abs(stage_way().forward_m) < kPushesRoomShare * options_.distance_limit_m;
     }
@@ -431,60 +404,11 @@ class Probe {
         return false;
     }
 
-    // ---- external pose
-
-    void forget_poses() {
-        pose_sum_ = {};
-        pose_count_ = 0;
-    }
-    void note_pose(std::size_t at) {
-        known_[at] = pose_count_ > 0;
-        if (pose_count_ > 0) {
-            const double n = pose_count_;
-            pose_[at] = {pose_sum_.x_m / n, pose_sum_.y_m / n,
-                         first_heading_rad_ + pose_sum_.heading_rad / n};
-        }
-        poses_[at] = pose_count_;
-        wheels_[at] = angle_;
-        forget_poses();
-    }
-    Way seen(std::size_t from) const {
-        const Pose<double>& a = pose_[from];
-        const Pose<double>& b = pose_[from + 1];
-        const double turn = wrap_angle_rad(b.heading_rad - a.heading_rad);
-        const double along = a.heading_rad + turn / 2;
-        return {(b.x_m - a.x_m) * std::cos(along) + (b.y_m - a.y_m) * std::sin(along), turn};
-    }
-    Way rolled(std::size_t from) const {
-        const auto& r = options_.geometry.wheel_radius_m;
-        const double left = r.left * (wheels_[from + 1].left - wheels_[from].left);
-        const double right = r.right * (wheels_[from + 1].right - wheels_[from].right);
-        return {(left + right) / 2, (right - left) / options_.geometry.track_m};
-    }
-    // Which of the two would have been expected, where either is seen in its noise.
-    bool judge_pose() {
-        if (!known_[0] || !known_[1] || !known_[2]) return false;
-        constexpr double kSurePose = 6;  // standard deviations
-        const auto fewest = static_cast<double>(std::min({poses_[0], poses_[1], poses_[2]}));
-        const double sigma_m = options_.pose_noise_m * std::sqrt(2 / fewest);
-        const double sigma_rad = options_.heading_noise_rad * std::sqrt(2 / fewest);
-        const Way straight = seen(0), wheels_straight = rolled(0);
-        const Way spin = seen(1), wheels_spin = rolled(1);
-        const double half_track = options_.geometry.track_m / 2;
-        const bool told = std::abs(wheels_straight.forward_m) > 2 * kSurePose * sigma_m &&
-                          std::abs(wheels_spin.turn_rad) > 2 * kSurePose * sigma_rad;
-        const bool odd_told = std::abs(wheels_straight.forward_m) / half_track > 2 * kSurePose * sigma_rad;
-        // told to go straight, it turned
-        const double turned = straight.turn_rad * half_track / wheels_straight.forward_m;
-        if (odd_told && std::abs(turned) > 0.5 &&
-            std::abs(straight.turn_rad - wheels_straight.turn_rad) > kSurePose * sigma_rad)
-            return end(turned > 0 ? IdentCause::left_sign_wrong : IdentCause::right_sign_wrong), true;
-        if (!told) return false;
-        if (straight.forward_m / wheels_straight.forward_m < -0.5)
-            return end(IdentCause::both_signs_wrong), true;
-        if (spin.turn_rad / wheels_spin.turn_rad < -0.5) return end(IdentCause::wheels_swapped), true;
-        found_.pose_seen = true;
-        return false;
+    bool judge_sides() {
+        const IdentCause wrong = sides_.judge();
+        found_.pose_seen = sides_.confirmed();
+        if (wrong != IdentCause::none) end(wrong);
+        return wrong != IdentCause::none;
     }
 
     // ---- pulses
@@ -556,15 +480,15 @@ class Probe {
             answer += answer_[0][wheel].mean() / 2;
         }
         if (level_Nm_ == tried_Nm()) first_answer_ = answer;
-        found_.clipped_by_report = found_.reports && reported_limit_Nm() < kUnclipped * tried_Nm();
+        found_.clipped_by_report = reports_.delivered_share() < kUnclipped;
         if (found_.clipped_by_report) {
             found_.clipped = true;
-            found_.torque_limit_Nm = reported_limit_Nm();
+            found_.torque_limit_Nm = reports_.delivered_share() * tried_Nm();
         } else if (ratio < 1) {
             found_.clipped = true;
             level_Nm_ /= 2;
             answer_ = {};
-            if (!(level_Nm_ / 2 > kMovesAtAll * found_.friction_Nm))
+            if (!(level_Nm_ / 2 > kMovesEnough * found_.friction_Nm))
                 return end(IdentCause::torque_not_followed);
             return rest_then(Stage::pulses);
         } else if (found_.clipped) {
@@ -574,8 +498,7 @@ class Probe {
     }
 
     // What the drives say against what they were told for `since_s` at least; on a ramp, what they were told
-    // when they measured. The ratio is a wrong torque constant where it is the same for all torques, and
-    // clipping where it falls.
+    // when they measured.
     void compare_report(double since_s) {
         const WheelPair<double>& told = torque_;
         const bool same = told.left == told_before_.left && told.right == told_before_.right;
@@ -583,36 +506,23 @@ class Probe {
         told_before_ = told;
         const bool ramping = stage_ == Stage::left || stage_ == Stage::right;
         if (!ramping && steady_cycles_ * options_.sample_time_s < since_s) return;
-        for (std::size_t wheel = 0; wheel < 2; ++wheel) {
-            if (!report_is_new_[wheel]) continue;
-            double asked = wheel == 0 ? told.left : told.right;
-            if (asked == 0) continue;
-            found_.reports = true;
-            if (ramping) asked *= 1 - kReportAge_s / stage_s();
-            const double got = (wheel == 0 ? report_.left : report_.right) / asked;
-            const std::size_t level = ramping                   ? 0
-                                      : stage_ != Stage::pulses ? 1
-                                      : pulse_Nm() < level_Nm_  ? 2
-                                                                : 3;
-            reported_[level].add(got);
-        }
-        found_.report_ratio = 1;
-        double highest = 0;
-        for (const Mean& level : reported_)
-            if (level.count() >= kFewestReports) highest = std::max(highest, level.mean());
-        // no torque constant is that wrong: all torques were clipped
-        if (highest > kWorstConstant && highest < 1 / kWorstConstant) found_.report_ratio = highest;
-    }
-    double reported_limit_Nm() const {
-        const Mean& whole = reported_[3];
-        return whole.count() < kFewestReports ? 1e300 : whole.mean() / found_.report_ratio * tried_Nm();
+        using Level = TorqueReports::Level;
+        const Level level = ramping                   ? Level::ramp
+                            : stage_ != Stage::pulses ? Level::push
+                            : pulse_Nm() < level_Nm_  ? Level::half
+                                                      : Level::whole;
+        const double then = ramping ? 1 - kReportAge_s / stage_s() : 1;
+        if (report_is_new_[0] && told.left != 0) reports_.add(level, report_.left / (then * told.left));
+        if (report_is_new_[1] && told.right != 0) reports_.add(level, report_.right / (then * told.right));
+        found_.reports = reports_.any();
+        found_.report_ratio = reports_.ratio();
     }
 
     ProbeOptions options_{};
     ProbeFindings found_{};
     Stage stage_ = Stage::done;
     Stage next_ = Stage::done;
-    std::uint32_t cycles_ = 0, stage_cycles_ = 0, still_cycles_ = 0, leg_cycles_ = 0, steady_cycles_ = 0;
+    std::uint32_t stage_cycles_ = 0, still_cycles_ = 0, leg_cycles_ = 0, steady_cycles_ = 0;
     std::size_t leg_ = 0;
     WheelPair<double> torque_, told_before_, angle_, begin_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
@@ -625,7 +535,7 @@ class Probe {
     std::array<double, 2> quadruple_{};
     std::array<std::array<Parabola, 2>, 2> fit_{};
     std::array<Parabola, 2> pulse_fit_{};
-    WheelPair<double> forward_, turning_;
+    WheelPair<double> forward_;
     std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
     Mean noise_power_;
     WheelPair<double> push_begin_;
@@ -633,16 +543,10 @@ class Probe {
     Mean rubbed_;
     int pushes_ = 0, gentle_ = 0;
     Stage stage_before_ = Stage::done;
-    double level_Nm_ = 0;             // of the whole pulses
-    double first_answer_ = 0;         // to those at the torque that was to be tried
-    std::array<Mean, 4> reported_{};  // over asked: ramps, pushes, half pulses, whole pulses
-    Pose<double> pose_sum_;
-    double first_heading_rad_ = 0;
-    std::uint32_t pose_count_ = 0;
-    std::array<Pose<double>, 3> pose_{};
-    std::array<WheelPair<double>, 3> wheels_{};
-    std::array<bool, 3> known_{};
-    std::array<std::uint32_t, 3> poses_{};
+    double level_Nm_ = 0;      // of the whole pulses
+    double first_answer_ = 0;  // to those at the torque that was to be tried
+    TorqueReports reports_;
+    SideWitness sides_;
 };
 
 }  // namespace wheelwright::ident

@@ -20,7 +20,7 @@ struct SizingRequest {
         coupling_standard_error_m{};
     // given
     double track_m{}, radius_m{}, sample_time_s{}, distance_limit_m{}, torque_limit_Nm{},
-        robot_speed_limit_m_per_s{}, robot_yaw_rate_limit_rad_per_s{}, relative_standard_error{};
+        robot_speed_limit_m_per_s{}, robot_yaw_rate_limit_rad_per_s{};
 };
 
 struct Sizing {
@@ -29,8 +29,8 @@ struct Sizing {
         coupling_standard_error_m{};
     double dry_share{};                 // friction over amplitude
     double standing_speed_rad_per_s{};  // below it a wheel may be held by friction
-    int speed_span{};
-    int standing_samples{};  // and for longer than this
+    int speed_span{};                   // samples that a speed is taken over; see RegressionFilterOptions
+    int standing_samples{};             // and for longer than this
 };
 
 // The room is crossed from its middle to its edge in about two seconds: time to turn back without hurry.
@@ -43,8 +43,6 @@ inline constexpr double kBitShare = 0.35;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
 inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
-// Of the friction: a torque that moves a robot enough to learn from.
-inline constexpr double kMovesEnough = 1.5;
 // Below the torque at which a drive clips, as it says itself, and as the motion says.
 inline constexpr double kBelowReported = 0.95;
 inline constexpr double kBelowSeen = 0.9;

@@ -56,7 +56,6 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     sizing.torque_limit_Nm = p.limits.torque_Nm;
     sizing.robot_speed_limit_m_per_s = p.limits.speed_m_per_s;
     sizing.robot_yaw_rate_limit_rad_per_s = p.limits.yaw_rate_rad_per_s;
-    sizing.relative_standard_error = p.ident.relative_standard_error;
 
     auto& excitation = options.excitation;
     excitation.sample_time_s = kCyclePeriod_s;

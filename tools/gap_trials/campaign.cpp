@@ -240,14 +240,14 @@ Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& opti
 
 std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
                                 const CampaignOptions& options,
-                                const std::function<void(const Progress&)>& progress,
+                                const std::function<void(const CampaignProgress&)>& progress,
                                 const std::function<bool()>& stop) {
     std::vector<std::optional<Outcome>> outcomes(trials.size());
     std::atomic<std::size_t> next{0};
     std::atomic<bool> failed{false};
     std::mutex mutex;
     std::exception_ptr error;
-    Progress state;
+    CampaignProgress state;
     state.all = trials.size();
     const auto begin = Clock::now();
     const auto work = [&] {

@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#include "tools/cli/progress_line.hpp"
 #include "tools/gap_trials/hidden/plan.hpp"
 #include "tools/gap_trials/judge.hpp"
 
@@ -39,13 +40,6 @@ struct CampaignOptions {
     std::set<std::string> further;
 };
 
-struct Progress {
-    std::size_t done = 0;
-    std::size_t all = 0;
-    double elapsed_s = 0;
-    std::string last;  // one line about the last trial
-};
-
 // The names of every n-th trial of each kind, from the first one on; n 0: none.
 std::set<std::string> every_nth(const std::vector<hidden::ListedTrial>& trials, std::size_t n);
 
@@ -64,7 +58,7 @@ Outcome run_trial(const hidden::ListedTrial& trial, const CampaignOptions& optio
 // with the outcomes so far.
 std::vector<Outcome> run_trials(const std::vector<hidden::ListedTrial>& trials,
                                 const CampaignOptions& options,
-                                const std::function<void(const Progress&)>& progress,
+                                const std::function<void(const CampaignProgress&)>& progress,
                                 const std::function<bool()>& stop);
 
 // The outcomes in DIR/results of those trials of the list that have one; of those in `further`, one with

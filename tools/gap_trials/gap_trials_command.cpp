@@ -1,6 +1,4 @@
 // `wheelwright gap-trials`: the gap analysis judged blind, on robots whose hidden effects it cannot know.
-#include <unistd.h>
-
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
@@ -49,36 +47,6 @@ struct Options {
     bool no_stepwise = false;
     std::size_t further = 0;
     std::string pysindy;
-};
-
-// A line that is drawn again on a terminal, and now and then one elsewhere.
-class ProgressLine {
-  public:
-    ProgressLine() : terminal_(::isatty(STDOUT_FILENO) != 0) {}
-    ~ProgressLine() {
-        if (terminal_ && drawn_) std::printf("\r\033[K");
-        std::fflush(stdout);
-    }
-    ProgressLine(const ProgressLine&) = delete;
-    ProgressLine& operator=(const ProgressLine&) = delete;
-
-    void operator()(const Progress& now) {
-        const double left_s =
-            now.elapsed_s / static_cast<double>(now.done) * static_cast<double>(now.all - now.done);
-        const std::size_t tenth = std::max<std::size_t>(1, now.all / 10);
-        if (terminal_) {
-            std::printf("\r\033[K  %zu of %zu, %.0f s to go  %s", now.done, now.all, left_s,
-                        now.last.c_str());
-        } else if (now.done % tenth == 0 || now.done == now.all) {
-            std::printf("  %zu of %zu, %.0f s to go\n", now.done, now.all, left_s);
-        }
-        drawn_ = true;
-        std::fflush(stdout);
-    }
-
-  private:
-    bool terminal_;
-    bool drawn_ = false;
 };
 
 int show(const Options& options, const std::vector<Outcome>& outcomes, const TrialsRun& run) {
@@ -197,7 +165,8 @@ int run_command(const Options& options) {
         {
             ProgressLine progress;
             outcomes = run_trials(
-                trials, settings, [&](const Progress& now) { progress(now); }, [] { return interrupted(); });
+                trials, settings, [&](const CampaignProgress& now) { progress(now); },
+                [] { return interrupted(); });
         }
         if (interrupted()) {
             std::printf("stopped after %zu of %zu; --resume goes on\n", outcomes.size(), trials.size());

@@ -56,6 +56,7 @@ class DriveView {
     // "" or what is wrong with the frame.
     std::string take(const hal::CanFrame& frame, std::int64_t time_ns) {
         const std::span<const std::uint8_t> bytes{frame.data.data(), frame.length};
+        reported_ = false;
         if (is_command(frame)) {
             gen6::SetInputTorque torque;
             if (gen6::SetInputTorque::decode(bytes, torque) != protocol::CodecStatus::ok) {

@@ -6,15 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "tools/cli/progress_line.hpp"
 #include "tools/strangers/trial.hpp"
 
 namespace wheelwright::tools {
-
-struct CampaignProgress {
-    std::size_t done = 0, all = 0;
-    double elapsed_s = 0;
-    std::string last;
-};
 
 // The results in the order of `robots`; fewer when `stop` said so. `progress` is called by one thread at a
 // time.

@@ -21,6 +21,15 @@ DEMANDED = {
     "robots": ("problems", "wrong_successes"),
     "faults": ("problems",),
 }
+# Ends that say what is wrong, for faults that the probe tells whatever the robot; the others may go on (clipping drives)
+# or need an external pose.
+NAMED = {
+    "swapped_wheels": {"wheels_swapped"},
+    "encoder_against_torque": {"left_wheel_against_torque", "right_wheel_against_torque"},
+    "wheel_blocked": {"left_wheel_does_not_turn", "right_wheel_does_not_turn"},
+    "too_heavy": {"too_heavy"},
+    "no_room": {"no_room"},
+}
 AT_LEAST = {"identified_percent": 95, "steps_percent": 90, "figure_eight_percent": 90}  # of the good robots
 
 
@@ -51,6 +60,9 @@ def main():
         problems.append("robots are missing")
     if len({robot["fault"] for robot in faults["robots"]["robots"]}) != FAULTS:
         problems.append("some fault was not tried")
+    for robot in faults["robots"]["robots"]:
+        if robot["end"] not in NAMED.get(robot["fault"], {robot["end"]}):
+            problems.append(f"robot {robot['robot']} with {robot['fault']} ended with {robot['end']}")
     for told, name in ((dozen, "robots"), (faults, "faults")):
         problems += [f"{name}: {aim} is {told['summary'][aim]}" for aim in DEMANDED[name] if told["summary"][aim] != 0]
     problems += [f"robots: {aim} is {dozen['summary'][aim]}, expected {least} at least"

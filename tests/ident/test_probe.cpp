@@ -1,0 +1,157 @@
+// What the probe is made of, each against a formula or a count; the whole of it drives in `wheelwright
+// robots`.
+#include <CppUTest/TestHarness.h>
+#include <cmath>
+#include <numeric>
+
+#include "firmware/ident/parabola.hpp"
+#include "firmware/ident/side_witness.hpp"
+#include "firmware/ident/sizing.hpp"
+#include "firmware/ident/torque_reports.hpp"
+
+using namespace wheelwright;
+using protocol::IdentCause;
+
+TEST_GROUP(ProbeParts){};
+
+TEST(ProbeParts, a_parabola_gives_its_acceleration_and_what_is_left) {
+    ident::Parabola fit;
+    for (int i = 0; i < 200; ++i) {
+        const double t = 3.0 + 0.001 * i;
+        fit.add(t, 700.0 - 2.5 * t + 0.5 * 8.0 * t * t + (i % 2 == 0 ? 1e-3 : -1e-3));
+    }
+    DOUBLES_EQUAL(8.0, fit.acceleration(), 0.05);
+    DOUBLES_EQUAL(1e-3, std::sqrt(fit.residual_variance()), 2e-5);
+    ident::Parabola few;
+    for (int i = 0; i < 5; ++i) few.add(i, i * i);
+    DOUBLES_EQUAL(0, few.acceleration(), 0);
+}
+
+TEST(ProbeParts, reports_tell_a_wrong_constant_from_clipping) {
+    using Level = ident::TorqueReports::Level;
+    const auto of = [](double ramp, double half, double whole) {
+        ident::TorqueReports reports;
+        for (int i = 0; i < 6; ++i) {
+            reports.add(Level::ramp, ramp);
+            reports.add(Level::half, half);
+            reports.add(Level::whole, whole);
+        }
+        return reports;
+    };
+    DOUBLES_EQUAL(1, of(0.9, 0.9, 0.9).delivered_share(), 1e-12);  // Kt is wrong
+    DOUBLES_EQUAL(0.9, of(0.9, 0.9, 0.9).ratio(), 1e-12);
+    DOUBLES_EQUAL(0.6, of(1, 1, 0.6).delivered_share(), 1e-12);
+    DOUBLES_EQUAL(0.3, of(0.7, 0.6, 0.3).delivered_share(), 1e-12);  // all of them are clipped
+    DOUBLES_EQUAL(1, ident::TorqueReports{}.delivered_share(), 0);
+}
+
+namespace {
+
+constexpr double kRadius_m = 0.09;
+constexpr double kTrack_m = 0.47;
+
+// Halts of a robot whose file has these mistakes, as its poses and its encoders show them: straight on by 0.1
+// m, then turning by 0.5 rad, both as the file understands it.
+IdentCause judged(int left_sign, int right_sign, bool swapped, bool poses, ident::SideWitness& witness) {
+    witness.start({{kRadius_m, kRadius_m}, kTrack_m}, 0.002, 0.004);
+    Pose<double> pose{1, 2, 3};
+    WheelPair<double> angle{4, 5};
+    const auto halt = [&](std::size_t at) {
+        for (int i = 0; poses && i < 5; ++i) witness.add(pose);
+        witness.halt(at, angle);
+    };
+    const auto move = [&](double left_rad, double right_rad) {
+        angle = {angle.left + left_rad, angle.right + right_rad};
+        double left = left_sign * left_rad;
+        double right = right_sign * right_rad;
+        if (swapped) std::swap(left, right);
+        const Twist<double> way = model::twist_from_wheel_speeds(
+            model::Geometry<double>{{kRadius_m, kRadius_m}, kTrack_m}, WheelPair<double>{left, right});
+        pose = model::advance_along_arc(pose, way.v_m_per_s, way.omega_rad_per_s);
+    };
+    halt(0);
+    move(0.1 / kRadius_m, 0.1 / kRadius_m);
+    halt(1);
+    move(-0.25 * kTrack_m / kRadius_m, 0.25 * kTrack_m / kRadius_m);
+    halt(2);
+    return witness.judge();
+}
+
+}  // namespace
+
+TEST(ProbeParts, poses_name_what_the_wheels_cannot_tell) {
+    ident::SideWitness witness;
+    CHECK(judged(1, 1, false, true, witness) == IdentCause::none);
+    CHECK(witness.confirmed());
+    CHECK(judged(-1, 1, false, true, witness) == IdentCause::left_sign_wrong);
+    CHECK(judged(1, -1, false, true, witness) == IdentCause::right_sign_wrong);
+    CHECK(judged(-1, -1, false, true, witness) == IdentCause::both_signs_wrong);
+    CHECK(judged(1, 1, true, true, witness) == IdentCause::wheels_swapped);
+    CHECK(judged(1, 1, true, false, witness) == IdentCause::none);
+    CHECK_FALSE(witness.confirmed());
+}
+
+namespace {
+
+ident::SizingRequest request() {
+    ident::SizingRequest r;
+    r.track_m = kTrack_m;
+    r.radius_m = kRadius_m;
+    r.sample_time_s = 0.001;
+    r.distance_limit_m = 1.5;
+    r.torque_limit_Nm = 8;
+    r.robot_speed_limit_m_per_s = 1.4;
+    r.robot_yaw_rate_limit_rad_per_s = 4;
+    return r;
+}
+
+ident::ProbeFindings found() {
+    ident::ProbeFindings f;
+    f.angle_noise_rad = 3e-4;
+    f.friction_Nm = 0.5;
+    f.k7_per_kg_m = 0.4;
+    f.k8_per_kg_m2 = 1.7;
+    f.torque_limit_Nm = 8;
+    return f;
+}
+
+}  // namespace
+
+TEST(ProbeParts, what_is_given_is_obeyed_and_the_rest_follows) {
+    ident::SizingRequest r = request();
+    const ident::Sizing free = ident::size_identification(r, found());
+    CHECK(free.obstacle == IdentCause::none);
+    DOUBLES_EQUAL(8, free.amplitude_Nm, 0);
+    CHECK(free.speed_limit_m_per_s <= r.robot_speed_limit_m_per_s);
+    // rows and bits must drift through each other
+    LONGS_EQUAL(1,
+                std::gcd(std::lround(2 * free.kernel_s / 3 / 0.001), std::lround(free.bit_time_s / 0.001)));
+    r.amplitude_Nm = 3;
+    r.bit_time_s = 0.033;
+    r.kernel_s = 0.06;
+    r.speed_limit_m_per_s = 0.31;
+    r.yaw_rate_limit_rad_per_s = 0.9;
+    r.coupling_standard_error_m = 0.004;
+    const ident::Sizing given = ident::size_identification(r, found());
+    DOUBLES_EQUAL(3, given.amplitude_Nm, 0);
+    DOUBLES_EQUAL(0.033, given.bit_time_s, 0);
+    DOUBLES_EQUAL(0.06, given.kernel_s, 0);
+    DOUBLES_EQUAL(0.31, given.speed_limit_m_per_s, 0);
+    DOUBLES_EQUAL(0.9, given.yaw_rate_limit_rad_per_s, 0);
+    DOUBLES_EQUAL(0.004, given.coupling_standard_error_m, 0);
+}
+
+TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
+    ident::ProbeFindings heavy = found();
+    heavy.friction_Nm = 6;
+    CHECK(ident::size_identification(request(), heavy).obstacle == IdentCause::too_heavy);
+    ident::ProbeFindings clipped = found();
+    clipped.clipped = clipped.clipped_by_report = true;
+    clipped.torque_limit_Nm = 0.6;
+    CHECK(ident::size_identification(request(), clipped).obstacle == IdentCause::torque_not_followed);
+    clipped.torque_limit_Nm = 4;
+    CHECK(ident::size_identification(request(), clipped).amplitude_Nm < 4);
+    ident::SizingRequest narrow = request();
+    narrow.distance_limit_m = 0.002;
+    CHECK(ident::size_identification(narrow, found()).obstacle == IdentCause::no_room);
+}
