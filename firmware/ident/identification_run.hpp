@@ -113,9 +113,10 @@ class IdentificationRun {
     // When time is up, this times the wanted standard errors of K7 and K8 will do.
     static constexpr Real kStillGood = 3;
     static constexpr Real kStillGoodCoupling = 5;  // and this those of K5 and K6
-    // Of the slow acceleration, RMS: robots whose model is complete leave 0.2 % in the mean and below 5 % at
-    // most; one wheel with the wrong sign leaves 17 % at least (`wheelwright robots`, with and without
-    // --faults).
+    // Of the slow acceleration, RMS (`wheelwright sim` prints it). What a model misses is seen here before it
+    // is seen in K7 and K8, of which it moves a tenth (kShareInGain): 5 % are half a per cent of them, the
+    // wanted standard error, and 15 % are what errors of a per cent and a half rest on. No sharp limits: a
+    // coarse encoder can leave more than the first, a wheel with the wrong sign less than the second.
     static constexpr Real kUnexplained = Real(0.05);
     static constexpr Real kTooMuchUnexplained = Real(0.15);
     static constexpr double kFollowed = 0.95;  // of a torque that was asked

@@ -71,11 +71,11 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
      {"drive.left drives the right wheel",
       "exchange drive.left.node and drive.right.node (and their signs)"}},
     {IdentCause::no_room,
-     {"a torque that beats the friction makes this robot too fast for its room within a hundredth of a "
-      "second",
+     {"in this room the robot may only move so slowly that its friction or its encoders' noise hides it, "
+      "or even the gentle pushes of the probe leave it",
       "more room (ident.distance_limit_m), higher ident.speed_limit_m_per_s and yaw_rate_limit_rad_per_s"}},
     {IdentCause::torque_not_followed,
-     {"a drive reported less torque than it was told",
+     {"a drive reports less torque than it was told, or delivers too little to move the robot well",
       "lower ident.amplitude_Nm, or look at the drive's current limit, temperature and supply"}},
     {IdentCause::model_incomplete,
      {"the model leaves so much of the motion unexplained that its numbers cannot be trusted",
