@@ -132,7 +132,7 @@ const std::array kTable{
     WW_REAL(0x00E4, trajectory.width_m, "m", 1.5, 0.1, 60.0, idle, "width of the standard figure-8"),
     WW_REAL(0x00E5, trajectory.period_s, "s", 10.0, 1.0, 600.0, idle, "time for one lap of the standard figure-8"),
 
-    WW_REAL(0x00F0, adaptation.memory_s, "s", 4.0, 0.2, 600.0, idle, "time over which old data are forgotten where new data excite"),
+    WW_REAL(0x00F0, adaptation.memory_s, "s", 4.0, 0.2, 600.0, idle, "time over which old data are forgotten where new data excite, at least; or 0.4 laps"),
     WW_REAL(0x00F1, adaptation.dwell_s, "s", 0.1, 0.001, 60.0, idle, "least time between two changes of the controller's model"),
     WW_REAL(0x00F2, adaptation.rate_per_s, "1/s", 0.5, 0.001, 100.0, idle, "largest relative change of a parameter per second"),
     WW_REAL(0x00F3, adaptation.minimum_excitation, "", 0.05, 0.0, 10.0, idle, "excitation below which a parameter is frozen"),

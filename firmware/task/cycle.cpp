@@ -276,7 +276,7 @@ void Cycle::obey() {
             identifying_ = true;
             if (!conditions_.model_known) use_rough_model();
         } else if (supervisor_.mode() == Mode::adaptive) {
-            learning_.start_adaptation(parameters_, control_.plant());
+            learning_.start_adaptation(parameters_, control_.plant(), control_.lap_s());
         }
     }
     if (supervisor_.ramping() && !was_ramping_) {

@@ -45,7 +45,8 @@ class Learning {
     // Writes what the run found to the live parameters; they are then the controllers' model.
     void record(ParameterService& service, model::RobotParameters& live) const;
 
-    void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant);
+    // `lap_s`: the period of what will be driven; 0: not known.
+    void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant, double lap_s);
     // True when what is adapted differs from before. `may_adapt`: nothing forbids it (saturation, slip).
     // `busy`: what can wait for a cycle shall.
     bool adapt(const Sample& sample, bool may_adapt, bool busy);

@@ -55,6 +55,8 @@ class MotionControl {
 
     // What the trajectory modes follow; takes effect at once, and its time begins with start_trajectory().
     void select_trajectory(const protocol::TrajectoryCommand& command);
+    // Of the selected trajectory; 0: it is streamed.
+    double lap_s() const { return streamed_selected_ ? 0 : path_.period_s; }
     std::int64_t trajectory_start_ns() const { return trajectory_start_ns_; }
     bool streamed() const { return streamed_selected_; }
 

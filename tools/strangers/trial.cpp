@@ -14,6 +14,7 @@ constexpr double kStepShare = 0.3;         // of the speed gained in the settlin
 constexpr double kStepShareOfLimit = 0.5;  // and of the speed limit at most
 constexpr double kSettledWithin = 0.01;
 constexpr double kRippleInBand = 4;
+constexpr double kKnownError = 0.025;  // a standard error from which on K7 or K8 counts as known
 constexpr double kAdaptation_s = 5;  // after a load comes or goes, at least; and half a lap
 
 FourValues four(const model::Dynamics<double>& k) {
@@ -117,41 +118,56 @@ void drive_figure_eight(Simulation& sim, const DrawnRobot& robot, Driving& drivi
     if (judged > 0) driving.rms_share = std::sqrt(sum / static_cast<double>(judged)) / options.path.length_m;
 }
 
-void drive_with_payload(Simulation& sim, const DrawnRobot& robot, Driving& driving) {
-    TrackingOptions options = figure_eight(sim, protocol::Mode::adaptive, robot);
+// What adaptation says of K7 and K8 now.
+LoadJudged judged_now(Simulation& sim, const DrawnRobot& robot) {
+    LoadJudged judged;
+    const task::Learning& learning = sim.cycle().learning();
+    const FourValues truth = four(seen_truth(robot, sim.world().plant().actual()));
+    const FourValues value = four(learning.estimate().dynamics);
+    const FourValues sigma = four(learning.estimate().standard_error);
+    for (std::size_t k = 0; k < 4; ++k) {
+        judged.error[k] = value[k] / truth[k] - 1;
+        judged.sigma[k] = sigma[k] / std::abs(value[k]);
+    }
+    judged.frozen = learning.adaptation_frozen();
+    return judged;
+}
+
+// A payload comes and goes. Returns the RMS distance from the reference since it came, over the figure's
+// length.
+double drive_with_payload(Simulation& sim, const DrawnRobot& robot, protocol::Mode mode, Driving& driving) {
+    TrackingOptions options = figure_eight(sim, mode, robot);
     const double wait_s = std::max(kAdaptation_s, options.path.period_s / 2);
     const double load_s = 1.5 * options.path.period_s;
+    const bool adaptive = mode == protocol::Mode::adaptive;
     options.duration_s = load_s + 2 * wait_s + 0.1;
-    const auto errors = [&](Simulation& now) {
-        const FourValues truth = four(seen_truth(robot, now.world().plant().actual()));
-        FourValues error = four(now.cycle().learning().estimate().dynamics);
-        for (std::size_t k = 0; k < 4; ++k) error[k] = error[k] / truth[k] - 1;
-        return error;
-    };
     int stage = 0;
     options.event = [&](Simulation& now, double time_s) {
-        if (time_s < load_s + stage * wait_s || now.cycle().supervisor().mode() != protocol::Mode::adaptive)
-            return;
+        if (time_s < load_s + stage * wait_s || now.cycle().supervisor().mode() != mode) return;
         sim::Payload load = robot.payload;
         if (stage == 0) now.world().plant().add_payload(load);
         if (stage == 1) {
-            driving.loaded = errors(now);
-            const auto& estimate = now.cycle().learning().estimate();
-            driving.loaded_sigma = four(estimate.standard_error);
-            const FourValues value = four(estimate.dynamics);
-            for (std::size_t k = 0; k < 4; ++k) driving.loaded_sigma[k] /= std::abs(value[k]);
-            driving.loaded_frozen = now.cycle().learning().adaptation_frozen();
+            if (adaptive) driving.loaded = judged_now(now, robot);
             load.mass_kg *= -1;  // taken off
             load.inertia_kg_m2 *= -1;
             now.world().plant().add_payload(load);
         }
-        if (stage == 2) {
-            driving.unloaded = errors(now);
+        if (stage == 2 && adaptive) {
+            driving.unloaded = judged_now(now, robot);
             driving.adapted = true;
         }
         if (stage < 3) ++stage;
     };
-    track(sim, options);
+    const TrackingResult result = track(sim, options);
+    double sum = 0;
+    std::size_t judged = 0;
+    for (const PathSample& sample : result.samples) {
+        if (sample.time_s < load_s) continue;
+        const Pose<double>& is = robot.external_pose ? sample.truth : sample.believed;
+        sum += std::pow(is.x_m - sample.reference.x_m, 2) + std::pow(is.y_m - sample.reference.y_m, 2);
+        ++judged;
+    }
+    return judged > 0 ? std::sqrt(sum / static_cast<double>(judged)) / options.path.length_m : NAN;
 }
 
 // What the velocity loops are designed for; where nobody has said it, what the design has come to.
@@ -171,7 +187,8 @@ Driving drive_robot(Simulation& sim, const DrawnRobot& robot) {
     driving.settling_aim_s = designed_settling_s(sim, sim.parameters());
     drive_steps(sim, robot, driving);
     drive_figure_eight(sim, robot, driving);
-    drive_with_payload(sim, robot, driving);
+    driving.load_rms_share = drive_with_payload(sim, robot, protocol::Mode::trajectory, driving);
+    driving.adaptive_rms_share = drive_with_payload(sim, robot, protocol::Mode::adaptive, driving);
     return driving;
 }
 
@@ -179,8 +196,13 @@ Driving drive_robot(Simulation& sim, const DrawnRobot& robot) {
 
 double RobotResult::worst_error() const { return std::max(std::abs(error(2)), std::abs(error(3))); }
 
-double Driving::adaptation_error() const {
-    return std::max({std::abs(loaded[2]), std::abs(loaded[3]), std::abs(unloaded[2]), std::abs(unloaded[3])});
+double LoadJudged::worst_error() const { return std::max(std::abs(error[2]), std::abs(error[3])); }
+
+bool LoadJudged::known() const { return std::max(sigma[2], sigma[3]) <= kKnownError; }
+
+bool LoadJudged::wrong(double most) const {
+    return (sigma[2] <= kKnownError && !(std::abs(error[2]) <= most)) ||
+           (sigma[3] <= kKnownError && !(std::abs(error[3]) <= most));
 }
 
 std::string end_of(const Simulation& sim) {

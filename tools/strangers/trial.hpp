@@ -2,6 +2,7 @@
 // simulated robot's truth.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <optional>
@@ -23,6 +24,16 @@ struct StepJudged {
     double ripple = 0;     // standard deviation when it has long settled, share of the step
 };
 
+// What the adaptive mode says of the robot's K5..K8, relative. K7 and K8 are judged.
+struct LoadJudged {
+    FourValues error{};
+    FourValues sigma{};   // standard errors that the firmware gives
+    bool frozen = false;  // it has stopped adapting
+    double worst_error() const;
+    bool known() const;             // by its own standard errors
+    bool wrong(double most) const;  // says it knows K7 or K8, which is off by more than `most`
+};
+
 // What is done with a robot that was identified.
 struct Driving {
     std::string blocker;        // why it may not be driven; else empty
@@ -33,10 +44,10 @@ struct Driving {
     double peak_share = 0;
     double true_rms_share = 0;        // where the robot really is; without an external pose odometry drifts
     bool adapted = false;             // the adaptive mode was driven to the end
-    FourValues loaded{}, unloaded{};  // errors of K5..K8 some seconds after; K7 and K8 are judged
-    FourValues loaded_sigma{};        // the standard errors that the firmware gave then, relative
-    bool loaded_frozen = false;       // it had stopped adapting then
-    double adaptation_error() const;  // the largest of K7's and K8's, loaded and unloaded
+    LoadJudged loaded, unloaded;      // some seconds after the payload came, and after it went
+    double load_rms_share = 0;        // as rms_share, while the payload comes and goes: trajectory mode
+    double adaptive_rms_share = 0;    // the same, adaptive mode
+    double adaptation_error() const { return std::max(loaded.worst_error(), unloaded.worst_error()); }
 };
 
 struct RobotResult {
