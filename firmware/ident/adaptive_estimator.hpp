@@ -1,42 +1,47 @@
 // K5..K8 and the effects' parameters of a robot that is driving and may change: a payload, a wheel, the
 // floor.
 //
-// A load beside the middle line couples forward motion and turning, and so do drives that are unlike; a drawn
-// figure excites both together, so K7 and K8 can be told from it only beside this coupling. With the
-// offset y (m) of the centre of gravity to the left and the drives' gain mismatch g,
+// A load may lie anywhere, so mass, inertia and both coordinates of the centre of gravity may change; a load
+// beside the middle line couples forward motion and turning, and so do drives that are unlike. The torque that
+// a motion takes is linear in all of them (Newton-Euler about the middle of the axle):
 //
-//     a = K5 omega^2  + K7 (S + g D)         S, D: sum and difference of the wheels' torque,
-//     c = K6 v omega  + K8 (D + g S)               less what the effects take
-//     v' = a + y c
-//     omega' = c + y 2 K8 / (b K7) a
+//     S + g D + friction's sum        = A v'     - sx omega^2       - sy omega'
+//     D + g S + friction's difference = B omega' + sx (2/b) v omega - sy (2/b) v'
 //
-// which is the inverse of the mass matrix of a body about a point beside its centre of gravity
-// (Newton-Euler; effects/cog_lateral.hpp): K7 and K8 are what a torque does in its own direction, and y seems
-// smaller than it is by the share that the wheels' rotation has in the mass, as K5 does.
+// S, D: sum and difference (right - left) of the wheels' torque; A = r m_eff, B = 2 r I_eff / b, (sx, sy): r
+// times the mass times its centre's place ahead of the axle and left of the middle; g: the drives' gain
+// mismatch. Hence
 //
-// A recursive Gauss-Newton step (a U-D least-squares update with the model's gradient) over
-//     theta = (K5, K7, K8, y, g, p_1 .. p_n)
-// with each effect's parameter in its own unit, so that a change of mass does not move friction, and with K6
-// tied to the others by coupled_k6(): both rows feed the same parameters.
+//     K7 = 1 / (A (1 - k)), K8 = 1 / (B (1 - k)), k = (2/b) sy^2 / (A B);   K5 = sx / A;   K6 = -K5 2 K8 / (b K7)
+//
+// so that K7 and K8 are what a torque does in its own direction, as ident mode finds them.
+//
+// A recursive least-squares update (U-D) over
+//     theta = (A, B, sx, sy, g, p_1 .. p_n)
+// to which both rows contribute. Being linear, it finds its way from any doubt: the same regression with
+// accelerations predicted from torques is bilinear, and after a large change its first rows settle what they
+// should only have narrowed. The price is noise in the regressors v' and omega', which would pull A and B to
+// zero where the robot hardly accelerates. So the covariance and the gain see those accelerations that follow
+// from what was measured and from what the model expects, each by what it is worth; only the residual has the
+// measured ones (an instrumental variable: Soderstrom and Stoica 1983).
 //
 // Directional forgetting with the memory `memory_s`; a parameter whose excitation (excitation_monitor.hpp)
 // lies below `minimum_excitation` is held; rows with slip, saturation in the drive, or a standing wheel are
 // masked.
 //
-// Noise: how much of it rows have differs by many powers of ten between robots, so it is measured. The
-// differences of neighbouring innovations give it, in which an error of the model, slow beside the rows,
-// cancels. The first rows only measure.
+// Noise: rows are weighed by the power of their own innovations, of single rows or of sums over kRunRows,
+// whichever is larger: the second is what a model that is not complete leaves.
 //
-// Change detection: an innovation beyond `gate_sigma` of its own deviation, or a sum of innovations beyond
-// that of the sum, stops the use of rows until the averaging window has passed the event. What a load can
-// change is then doubted: K7 and K8 by `doubt` (relative), K5 and y by what a load of that share shifts at
-// the track's edge; the rows that follow settle them. A jolt thus costs a fresh look, never a wrong row.
+// Change detection: an innovation beyond `gate_sigma` of its own deviation stops the use of rows until the
+// averaging window has passed the event. So does a sum of innovations that goes with a parameter's regressor,
+// beyond that of its own deviation, of the rows of half the memory at most: a smaller change, seen later. What
+// a load can change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of that share
+// shifts at the track's edge; the rows that follow settle them. A jolt thus costs a fresh look, never a wrong
+// row.
 //
-// Standard errors: sqrt(P_ii), P in units of the residual's own variance, raised where slow residuals are
-// larger than white ones would be. They over-cover where sensor noise dominates (coloured_errors.hpp says
-// why).
+// Standard errors: sqrt(P_ii), in units of that noise.
 //
-// push() spreads a row's work over the eight cycles after it: at most about 1 700 instructions in one. No
+// push() spreads a row's work over the cycles after it: at most about 1 700 instructions in one. No
 // allocation.
 #pragma once
 
@@ -45,7 +50,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <utility>
 
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
@@ -65,7 +69,7 @@ struct AdaptiveEstimatorOptions {
     Real minimum_excitation = Real(0.05);
     Real trust_relative_error = Real(0.05);
     Real range = 3;                     // factor by which K7 and K8 may leave the start values
-    Real angle_noise_rad = Real(3e-4);  // unit of the rows' noise: where its measurement begins
+    Real angle_noise_rad = Real(3e-4);  // deviation of a wheel angle: where the rows' noise begins
     Real gate_sigma = 6;
     Real doubt = Real(0.3);
 };
@@ -83,22 +87,19 @@ class AdaptiveEstimator {
         size_ = kFixed + columns_;
         const auto dt = static_cast<Real>(options.filter.sample_time_s);
         const auto m = static_cast<Real>(filter_.block_samples());
-        interval_s_ = m * dt;
-
-        // angle noise of a block's mean, differenced twice: variance 6
-        const Real wheel = options.angle_noise_rad * std::sqrt(6 / m) / (interval_s_ * interval_s_);
-        const auto left = static_cast<Real>(options.filter.geometry.wheel_radius_m.left) * wheel;
-        const auto right = static_cast<Real>(options.filter.geometry.wheel_radius_m.right) * wheel;
+        const Real interval_s = m * dt;
         track_m_ = static_cast<Real>(options.filter.geometry.track_m);
-        const Real both = std::sqrt(left * left + right * right);
-        row_[0].inverse_sigma = 2 / both;
-        row_[1].inverse_sigma = track_m_ / both;
+        per_track_ = 2 / track_m_;
 
-        Vector theta{options.dynamics.k5_m, options.dynamics.k7_per_kg_m, options.dynamics.k8_per_kg_m2};
-        Vector error{std::max({options.standard_error.k5_m, std::abs(theta[0]) / 5, kLeastError * track_m_}),
-                     std::max(options.standard_error.k7_per_kg_m, kLeastError * theta[1]),
-                     std::max(options.standard_error.k8_per_kg_m2, kLeastError * theta[2]),
-                     kOffsetError * track_m_, kMismatchError};
+        const model::Dynamics<Real>& k = options.dynamics;
+        const Real a = 1 / k.k7_per_kg_m;
+        const Real b = 1 / k.k8_per_kg_m2;
+        const Real error7 = std::max(options.standard_error.k7_per_kg_m / k.k7_per_kg_m, kLeastError);
+        const Real error8 = std::max(options.standard_error.k8_per_kg_m2 / k.k8_per_kg_m2, kLeastError);
+        const Real error5_m =
+            std::max({options.standard_error.k5_m, std::abs(k.k5_m) / 5, kLeastError * track_m_});
+        Vector theta{a, b, a * k.k5_m};
+        Vector error{a * error7, b * error8, a * error5_m, a * kOffsetError * track_m_, kMismatchError};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
             const ColumnPlace p = places_[j];
             const model::EffectParameterInfo& info = model::kEffects[p.effect].parameters[p.parameter];
@@ -108,39 +109,44 @@ class AdaptiveEstimator {
             error[kFixed + j] = std::max(options.effects_standard_error.parameter[p.effect][p.parameter],
                                          kLeastEffectError * std::abs(theta[kFixed + j]));
         }
-        for (const std::size_t i : {std::size_t{0}, kOffset}) {
-            low_[i] = theta[i] - track_m_;
-            high_[i] = theta[i] + track_m_;
-        }
-        for (std::size_t i = 1; i <= 2; ++i) {
+        for (const std::size_t i : {kMass, kInertia}) {
             low_[i] = theta[i] / options.range;
             high_[i] = theta[i] * options.range;
+        }
+        for (const std::size_t i : {kAhead, kLeft}) {
+            low_[i] = theta[i] - a * track_m_;
+            high_[i] = theta[i] + a * track_m_;
         }
         low_[kMismatch] = -kMostMismatch;
         high_[kMismatch] = kMostMismatch;
 
         Vector variance{};
         Vector ceiling{};
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) {
+        for (std::size_t i = 0; i < size(); ++i) {
             variance[i] = std::max(error[i] * error[i], kTinyVariance);
             Real widest = 3 * error[i];
-            if (i == 1 || i == 2) widest = std::max(error[i], theta[i] / 2);
-            if (i == 0 || i == kOffset) widest = std::max(widest, track_m_ / 2);
+            if (i == kMass || i == kInertia) widest = std::max(error[i], theta[i] / 2);
+            if (i == kAhead || i == kLeft) widest = std::max(widest, a * track_m_ / 2);
             ceiling[i] = std::max(widest * widest, kTinyVariance);
         }
         rls_.reset(theta, variance, size_);
-        const Real lambda = 1 - std::min(Real(0.5), interval_s_ / options.memory_s);
+        const Real lambda = 1 - std::min(Real(0.5), interval_s / options.memory_s);
         rls_.set_forgetting(Forgetting::directional, lambda);
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) {
-            const Real least = i == 1 || i == 2 ? kAlertness * theta[i] : Real(0);
+        for (std::size_t i = 0; i < size(); ++i) {
+            const Real least = i == kMass || i == kInertia ? kAlertness * theta[i] : Real(0);
             rls_.set_bounds(static_cast<int>(i), least * least, ceiling[i]);
         }
         monitor_.reset(lambda, ceiling, size_);
-        for (Row& row : row_) {
-            const Real sigma = row.inverse_sigma;
-            row = {};
-            row.inverse_sigma = sigma;
-        }
+        window_rows_ = std::max(2 * kFewestRows, static_cast<int>(options.memory_s / (2 * interval_s)));
+
+        // angle noise of a block's mean, differenced twice: variance 6
+        const Real wheel = options.angle_noise_rad * std::sqrt(6 / m) / (interval_s * interval_s);
+        const Real rim = wheel * static_cast<Real>(options.filter.geometry.mean_radius_m());
+        row_ = {};
+        row_[0].power = std::max(rim * rim / 2 * a * a, kTinyVariance);
+        row_[1].power = std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
+        for (Row& row : row_) row.slow_power = row.power;
+        window_ = {};
         hold_rows_ = 0;
         doubtful_ = 0;
         excited_.fill(false);
@@ -171,22 +177,28 @@ class AdaptiveEstimator {
                 return false;
             case Work::doubt:
                 doubt(doubtful_++);
-                work_ = doubtful_ < kDoubted.size() ? Work::doubt : Work::none;
+                work_ = doubtful_ < kLoad ? Work::doubt : Work::none;
+                return false;
+            case Work::instrument:
+                find_instrument();
+                work_ = Work::linear;
                 return false;
             case Work::linear:
-                linear_gradient();
-                work_ = judge(row_[0], filter_.row().acceleration.v_m_per_s2) ? Work::learn_linear
-                                                                              : Work::turning;
+                linear_row();
+                row_[0].phi[kMass] = instrument_.v_m_per_s2;
+                row_[0].phi[kLeft] = -instrument_.omega_rad_per_s2;
+                work_ = judge(row_[0]) ? Work::learn_linear : Work::turning;
                 return false;
             case Work::learn_linear:
                 learn(row_[0]);
                 work_ = Work::turning;
                 return false;
             case Work::turning:
-                turning_gradient();
+                turning_row();
+                row_[1].phi[kInertia] = instrument_.omega_rad_per_s2;
+                row_[1].phi[kLeft] = -per_track_ * instrument_.v_m_per_s2;
                 ++estimate_.rows;
-                work_ = judge(row_[1], filter_.row().acceleration.omega_rad_per_s2) ? Work::learn_turning
-                                                                                    : Work::monitor_linear;
+                work_ = judge(row_[1]) ? Work::learn_turning : Work::monitor_linear;
                 return false;
             case Work::learn_turning:
                 learn(row_[1]);
@@ -218,7 +230,7 @@ class AdaptiveEstimator {
     struct Frozen {
         bool k5, k7, k8;
     };
-    Frozen frozen() const { return {!excited_[0], !excited_[1], !excited_[2]}; }
+    Frozen frozen() const { return {!excited_[kAhead], !excited_[kMass], !excited_[kInertia]}; }
 
     // Rows still to pass before the doubt after a detected change is applied; 0 otherwise.
     int rows_held() const { return hold_rows_; }
@@ -226,14 +238,13 @@ class AdaptiveEstimator {
     const RegressionFilter<Real>& filter() const { return filter_; }
 
   private:
-    static constexpr std::size_t kOffset = 3;
-    static constexpr std::size_t kMismatch = 4;
+    // Where what stands in theta; the first kLoad are what a load can change.
+    static constexpr std::size_t kMass = 0, kInertia = 1, kAhead = 2, kLeft = 3, kLoad = 4, kMismatch = 4;
     static constexpr std::size_t kFixed = 5;
-    static constexpr std::array<std::size_t, 4> kDoubted{0, 1, 2, kOffset};
     static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
     static constexpr int kWindowRows = 3;  // rows that one event can touch
+    static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
-    static constexpr Real kSumGateShare = Real(0.45);  // of the rows' gate squared: sums are fewer, hence 4 sigma of 6
     static constexpr int kNoiseRows = 300;                 // over which the noise is averaged
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
     static constexpr Real kLeastEffectError = Real(0.05);  // relative, of the effects' parameters
@@ -241,13 +252,14 @@ class AdaptiveEstimator {
     static constexpr Real kOffsetError = Real(0.05);       // of the track: batteries, a motor on one side
     static constexpr Real kMismatchError = Real(0.1);      // motor constants of one kind, and a weak drive
     static constexpr Real kMostMismatch = Real(0.5);       // one drive three times as strong as the other
-    static constexpr Real kTinyVariance = Real(1e-12);
-    static constexpr Real kTinyPower = Real(1e-8);  // keeps float from trouble where there is no noise
+    static constexpr Real kLeastOverNoise = 3;  // an acceleration that tells something
+    static constexpr Real kTinyVariance = Real(1e-14);
     using Vector = std::array<Real, kSize>;
     using Rls = UdRls<Real, kSize, true>;
     enum class Work : std::uint8_t {
         none,
         doubt,
+        instrument,
         linear,
         learn_linear,
         turning,
@@ -259,35 +271,35 @@ class AdaptiveEstimator {
     };
 
     struct Row {
-        Vector phi{};          // gradient over the row's deviation
-        Real inverse_sigma{};  // nominal deviation
-        Real prediction{};
-        Real innovation{};
+        Vector phi{};       // regressor over the row's deviation
+        Real residual{};    // Nm
+        Real innovation{};  // over the row's deviation
         typename Rls::Projection projection{};
-        Real before{};        // innovation of the row before, in nominal deviations
-        bool follows = false;  // `before` is of the row just before
-        int seen = 0;         // rows whose noise was measured, up to kNoiseRows
-        Real power = 1;       // of the rows' noise over the nominal variance
-        Real level = 1;       // of the innovation over its variance, with all that the model does not explain
-        Real slow_power = 1;  // the same of sums over kRunRows rows
+        Real power{};       // of innovations, Nm^2, less the share that is the estimate's own error
+        Real slow_power{};  // the same of sums over kRunRows rows, over their number
         Real run_sum = 0;
         int run = 0;
+        std::uint32_t seen = 0;
+    };
+    // Sums over the rows since the window began: of innovations that go with a parameter's regressor, and of
+    // what they may come to by noise and by the estimate's own error.
+    struct Window {
+        std::array<Real, kLoad> score{}, noise{}, error{};
+        int rows = 0;
     };
 
+    std::size_t size() const { return static_cast<std::size_t>(size_); }
+
     void begin_row() {
+        work_ = Work::none;
         if (!filter_.row().usable) {
             ++estimate_.masked_rows;
-            work_ = Work::none;
-            for (Row& row : row_) row.follows = false;
-            return;
-        }
-        if (hold_rows_ > 0) {
+        } else if (hold_rows_ > 0) {
             ++estimate_.masked_rows;
-            work_ = Work::none;
             if (--hold_rows_ == 0) begin_doubt();
-            return;
+        } else {
+            work_ = Work::instrument;
         }
-        work_ = Work::linear;
     }
 
     // A change of the robot: what it was before counts no more.
@@ -295,126 +307,75 @@ class AdaptiveEstimator {
         ++estimate_.changes;
         doubtful_ = 0;
         work_ = Work::doubt;
+        window_ = {};
         for (Row& row : row_) {
             row.run = 0;
             row.run_sum = 0;
-            row.follows = false;
         }
     }
 
     // A load of the share `doubt`, put on over one wheel, moves the centre of gravity by that share of half
     // the track.
-    void doubt(std::size_t which) {
-        const std::size_t i = kDoubted[which];
-        const Real error = options_.doubt * (i == 1 || i == 2 ? rls_.theta()[i] : track_m_ / 2);
+    void doubt(std::size_t i) {
+        const Real size = i == kMass || i == kInertia ? rls_.theta()[i] : rls_.theta()[kMass] * track_m_ / 2;
+        const Real error = options_.doubt * size;
         const Real add = error * error - rls_.variance(static_cast<int>(i));
         if (add > 0) rls_.add_variance(static_cast<int>(i), add);
     }
 
-    // The accelerations that forward and turning torque would make alone, and their gradients.
-    struct Alone {
-        Real value;
-        Vector gradient;
-    };
-
-    Alone forward_alone() const {
+    void linear_row() {
         const RegressionRow<Real>& r = filter_.row();
-        const Vector& t = rls_.theta();
-        Alone a{};
-        Real torque = r.torque_Nm[0].sum() + t[kMismatch] * r.torque_Nm[0].difference();
-        for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
-            const Real column = r.column[j].sum();
-            torque += t[kFixed + j] * column;
-            a.gradient[kFixed + j] = t[1] * column;
-        }
-        a.gradient[0] = r.omega_squared;
-        a.gradient[1] = torque;
-        a.gradient[kMismatch] = t[1] * r.torque_Nm[0].difference();
-        a.value = t[0] * r.omega_squared + t[1] * torque;
-        return a;
-    }
-
-    Alone turning_alone(Real per_k5) const {
-        const RegressionRow<Real>& r = filter_.row();
-        const Vector& t = rls_.theta();
-        Alone a{};
-        Real torque = r.torque_Nm[0].difference() + t[kMismatch] * r.torque_Nm[0].sum();
-        for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
-            const Real column = r.column[j].difference();
-            torque += t[kFixed + j] * column;
-            a.gradient[kFixed + j] = t[2] * column;
-        }
-        const Real coriolis = t[0] * per_k5 * r.v_omega;
-        a.gradient[0] = per_k5 * r.v_omega;
-        a.gradient[1] = -coriolis / t[1];
-        a.gradient[2] = coriolis / t[2] + torque;
-        a.gradient[kMismatch] = t[2] * r.torque_Nm[0].sum();
-        a.value = coriolis + t[2] * torque;
-        return a;
-    }
-
-    // K6 = this * K5; the mass over the inertia is its negative.
-    Real k6_per_k5() const {
-        const Vector& t = rls_.theta();
-        return -2 * t[2] / (track_m_ * t[1]);
-    }
-
-    void linear_gradient() {
-        const Real y = rls_.theta()[kOffset];
-        const Alone forward = forward_alone();
-        const Alone turning = turning_alone(k6_per_k5());
         Row& row = row_[0];
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i)
-            row.phi[i] = forward.gradient[i] + y * turning.gradient[i];
-        row.phi[kOffset] = turning.value;
-        row.prediction = forward.value + y * turning.value;
+        row.phi = {r.acceleration.v_m_per_s2, 0, -r.omega_squared, -r.acceleration.omega_rad_per_s2,
+                   -r.torque_Nm[0].difference()};
+        for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
+            row.phi[kFixed + j] = -r.column[j].sum();
+        take_residual(row, r.torque_Nm[0].sum());
     }
 
-    void turning_gradient() {
-        const Vector& t = rls_.theta();
-        const Real per_k5 = k6_per_k5();
-        const Real back = -t[kOffset] * per_k5;
-        const Alone forward = forward_alone();
-        const Alone turning = turning_alone(per_k5);
+    void turning_row() {
+        const RegressionRow<Real>& r = filter_.row();
         Row& row = row_[1];
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i)
-            row.phi[i] = turning.gradient[i] + back * forward.gradient[i];
-        row.phi[1] -= back * forward.value / t[1];
-        row.phi[2] += back * forward.value / t[2];
-        row.phi[kOffset] = -per_k5 * forward.value;
-        row.prediction = turning.value + back * forward.value;
+        row.phi = {0, r.acceleration.omega_rad_per_s2, per_track_ * r.v_omega,
+                   -per_track_ * r.acceleration.v_m_per_s2, -r.torque_Nm[0].sum()};
+        for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
+            row.phi[kFixed + j] = -r.column[j].difference();
+        take_residual(row, r.torque_Nm[0].difference());
+    }
+
+    // A residual is what the measured acceleration lacks of the expected one, as torque. The expected one is
+    // worth more where the estimate is surer than the measurement. One that noise could have made is none: in a
+    // closed loop the torque answers to that noise.
+    void find_instrument() {
+        linear_row();
+        instrument_.v_m_per_s2 = instrument(row_[0], kMass);
+        turning_row();
+        instrument_.omega_rad_per_s2 = instrument(row_[1], kInertia);
+    }
+    Real instrument(const Row& row, std::size_t i) const {
+        const Real noise = std::max(row.power, row.slow_power);
+        const Real own_error = rls_.projection(row.phi).variance / noise;
+        const Real torque = rls_.theta()[i] * row.phi[i] + row.residual / (1 + own_error);
+        return torque * torque > kLeastOverNoise * kLeastOverNoise * noise ? torque / rls_.theta()[i] : Real(0);
+    }
+
+    void take_residual(Row& row, Real torque_Nm) {
+        row.residual = torque_Nm;
+        for (std::size_t i = 0; i < size(); ++i) row.residual -= row.phi[i] * rls_.theta()[i];
     }
 
     // Whether the row may teach. It is then weighed and projected.
-    bool judge(Row& row, Real y) {
-        const Real nominal = (y - row.prediction) * row.inverse_sigma;
-        measure_noise(row, nominal);
-        const Real root = 1 / std::sqrt(row.power);
-        const Real weight = row.inverse_sigma * root;
-        row.innovation = nominal * root;
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) row.phi[i] *= weight;
-        if (row.seen < kRunRows || hold_rows_ > 0) return false;  // the other equation has just found a change
+    bool judge(Row& row) {
+        const Real weight = 1 / std::sqrt(std::max(row.power, row.slow_power));
+        row.innovation = row.residual * weight;
+        for (std::size_t i = 0; i < size(); ++i) row.phi[i] *= weight;
+        if (hold_rows_ > 0) return false;  // the other equation has just found a change
         row.projection = rls_.projection(row.phi);
         if (changed(row)) {
             hold_rows_ = kWindowRows;
             return false;
         }
-        bool any = false;
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) any = any || excited_[i];
-        return any;
-    }
-
-    // White noise of unit variance makes differences of variance 2.
-    void measure_noise(Row& row, Real nominal) {
-        const Real difference = nominal - row.before;
-        row.before = nominal;
-        if (std::exchange(row.follows, true)) {
-            if (row.seen < kNoiseRows) ++row.seen;
-            const Real limit = 2 * options_.gate_sigma * options_.gate_sigma * row.power;
-            const Real square = row.seen > kRunRows ? std::min(difference * difference, limit) : difference * difference;
-            row.power += (square / 2 - row.power) / static_cast<Real>(row.seen);
-            row.power = std::max(row.power, kTinyPower);
-        }
+        return true;
     }
 
     // Also keeps the powers of what the model does not explain.
@@ -422,61 +383,85 @@ class AdaptiveEstimator {
         const Real gate = options_.gate_sigma * options_.gate_sigma;
         const Real deviation = 1 + row.projection.variance;
         const Real square = row.innovation * row.innovation / deviation;
-        const Real limit = gate * std::max(Real(1), row.level);
-        row.level += (std::min(square, limit) - row.level) / kNoiseRows;
-        if (square > limit) return true;
+        const Real now = std::max(row.power, row.slow_power);
+        ++row.seen;
+        const Real share = Real(1) / static_cast<Real>(std::min<std::uint32_t>(row.seen + kRunRows, kNoiseRows));
+        row.power = std::max(row.power + share * (std::min(square, gate) * now - row.power), kTinyVariance);
+        if (square > gate) return true;
         row.run_sum += row.innovation / std::sqrt(deviation);
-        if (++row.run < kRunRows) return false;
-        const Real slow = row.run_sum * row.run_sum / kRunRows;
-        const Real slow_limit = kSumGateShare * gate * std::max(Real(1), row.slow_power);
-        row.slow_power += (std::min(slow, slow_limit) - row.slow_power) * kRunRows / kNoiseRows;
-        row.run = 0;
-        row.run_sum = 0;
-        return slow > slow_limit;
+        if (++row.run == kRunRows) {
+            const Real slow = std::min(row.run_sum * row.run_sum / kRunRows, gate) * now;
+            row.slow_power += std::min(Real(0.5), kRunRows * share) * (slow - row.slow_power);
+            row.run = 0;
+            row.run_sum = 0;
+        }
+        return window_shows_change(row, deviation, gate);
+    }
+
+    bool window_shows_change(const Row& row, Real deviation, Real gate) {
+        Window& w = window_;
+        const Real own = std::sqrt(deviation - 1);
+        bool found = false;
+        for (std::size_t i = 0; i < kLoad; ++i) {
+            w.score[i] += row.phi[i] * row.innovation;
+            w.noise[i] += row.phi[i] * row.phi[i];
+            w.error[i] += std::abs(row.phi[i]) * own;
+            found = found || w.score[i] * w.score[i] > gate * (w.noise[i] + w.error[i] * w.error[i]);
+        }
+        if (++w.rows < 2 * kFewestRows) return false;
+        if (!found && w.rows >= 2 * window_rows_) w = {};
+        return found;
     }
 
     void learn(Row& row) {
         Vector gain;
         const Real scale = rls_.update_gain(row.projection, gain) * row.innovation;
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) {
-            if (!excited_[i]) continue;
+        for (std::size_t i = 0; i < size(); ++i) {
             rls_.set_theta(static_cast<int>(i),
                            std::clamp(rls_.theta()[i] + gain[i] * scale, low_[i], high_[i]));
         }
     }
 
     void watch_excitation() {
-        for (std::size_t i = 0; i < static_cast<std::size_t>(size_); ++i) {
+        for (std::size_t i = 0; i < size(); ++i) {
             held_[i] = rls_.variance(static_cast<int>(i));
             const Real excitation = monitor_.excitation(static_cast<int>(i), held_[i]);
             excited_[i] = excitation >= options_.minimum_excitation;
-            set_excitation(i, excitation);
+            model::Dynamics<Real>& e = estimate_.excitation;
+            if (i == kMass) e.k7_per_kg_m = excitation;
+            if (i == kInertia) e.k8_per_kg_m2 = excitation;
+            if (i == kAhead) e.k5_m = e.k6_per_m = excitation;
         }
     }
 
     void publish() {
         const Vector& t = rls_.theta();
-        const Real colour = std::max({Real(1), row_[0].slow_power, row_[1].slow_power});
-        const auto error = [&](std::size_t i) { return std::sqrt(held_[i] * colour); };
-        const Real k6 = model::coupled_k6(t[0], t[1], t[2], track_m_);
-        const Real to_k6 = 2 * t[2] / (track_m_ * t[1]);
-        estimate_.dynamics = {t[0], k6, t[1], t[2]};
-        estimate_.covariance_diagonal = {held_[0], to_k6 * to_k6 * held_[0], held_[1], held_[2]};
-        estimate_.standard_error = {error(0), to_k6 * error(0), error(1), error(2)};
+        const Real coupled = per_track_ * t[kLeft] * t[kLeft] / (t[kMass] * t[kInertia]);
+        const Real alone = 1 - std::min(coupled, Real(0.5));
+        const Real k5 = t[kAhead] / t[kMass];
+        const Real k7 = 1 / (t[kMass] * alone);
+        const Real k8 = 1 / (t[kInertia] * alone);
+        // to first order, as if sy were known
+        const Real to_k7 = k7 / t[kMass];
+        const Real to_k8 = k8 / t[kInertia];
+        const Real to_k5 = 1 / t[kMass];
+        const Real to_k6 = per_track_ * k8 / k7;
+        estimate_.dynamics = {k5, model::coupled_k6(k5, k7, k8, track_m_), k7, k8};
+        estimate_.covariance_diagonal = {
+            to_k5 * to_k5 * held_[kAhead], to_k6 * to_k6 * to_k5 * to_k5 * held_[kAhead],
+            to_k7 * to_k7 * held_[kMass], to_k8 * to_k8 * held_[kInertia]};
+        const model::Dynamics<Real>& p = estimate_.covariance_diagonal;
+        estimate_.standard_error = {std::sqrt(p.k5_m), std::sqrt(p.k6_per_m), std::sqrt(p.k7_per_kg_m),
+                                    std::sqrt(p.k8_per_kg_m2)};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
-            const ColumnPlace p = places_[j];
-            estimate_.effects.parameter[p.effect][p.parameter] = t[kFixed + j];
-            estimate_.effects_standard_error.parameter[p.effect][p.parameter] = error(kFixed + j);
+            const ColumnPlace place = places_[j];
+            estimate_.effects.parameter[place.effect][place.parameter] = t[kFixed + j];
+            estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
+                std::sqrt(held_[kFixed + j]);
         }
-        estimate_.good_enough = error(1) <= options_.trust_relative_error * t[1] &&
-                                error(2) <= options_.trust_relative_error * t[2];
-    }
-
-    void set_excitation(std::size_t i, Real value) {
-        model::Dynamics<Real>& e = estimate_.excitation;
-        if (i == 0) e.k5_m = e.k6_per_m = value;
-        if (i == 1) e.k7_per_kg_m = value;
-        if (i == 2) e.k8_per_kg_m2 = value;
+        const model::Dynamics<Real>& e = estimate_.standard_error;
+        estimate_.good_enough = e.k7_per_kg_m <= options_.trust_relative_error * k7 &&
+                                e.k8_per_kg_m2 <= options_.trust_relative_error * k8;
     }
 
     AdaptiveEstimatorOptions<Real> options_{};
@@ -484,14 +469,17 @@ class AdaptiveEstimator {
     Rls rls_;
     ExcitationMonitor<Real, kSize> monitor_;
     std::array<Row, 2> row_{};
+    Window window_{};
+    TwistRate<Real> instrument_{};  // accelerations of the row under way
     std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
     Vector low_{}, high_{}, held_{};
     std::array<bool, kSize> excited_{};
-    Real interval_s_{}, track_m_{};
+    Real track_m_{}, per_track_{};
     int columns_ = 0;
     int size_ = static_cast<int>(kFixed);
+    int window_rows_ = 1;
     int hold_rows_ = 0;
-    std::size_t doubtful_ = 0;  // of kDoubted: the next one
+    std::size_t doubtful_ = 0;  // of the load's parameters: the next one to be doubted
     Work work_ = Work::none;
     bool waited_ = false;
     DynamicsEstimate<Real> estimate_{};

@@ -96,7 +96,7 @@ class UdRls {
             grow = inverse_lambda_;
         } else if (forgetting_ == Forgetting::directional) {
             // phi without any power renews nothing, hence forgets nothing
-            weight = zeta > kNoPower ? lambda_ - (1 - lambda_) / zeta : Real(1);
+            weight = zeta > kNoPower ? std::max(Real(0), lambda_ - (1 - lambda_) / zeta) : Real(0);
         }
         rank_one(p.f, p.v, weight, grow, gain);
         if (bounded_) keep_bounds();
