@@ -143,9 +143,9 @@ class AdaptiveEstimator {
         const Real wheel = options.angle_noise_rad * std::sqrt(6 / m) / (interval_s * interval_s);
         const Real rim = wheel * static_cast<Real>(options.filter.geometry.mean_radius_m());
         row_ = {};
-        row_[0].power = std::max(rim * rim / 2 * a * a, kTinyVariance);
-        row_[1].power = std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
-        for (Row& row : row_) row.slow_power = row.power;
+        row_[0].power = row_[0].least = std::max(rim * rim / 2 * a * a, kTinyVariance);
+        row_[1].power = row_[1].least = std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
+        was_quiet_ = true;
         window_ = {};
         hold_rows_ = 0;
         doubtful_ = 0;
@@ -246,6 +246,7 @@ class AdaptiveEstimator {
     static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
     static constexpr int kNoiseRows = 300;                 // over which the noise is averaged
+    static constexpr Real kNoiseAtFirst = Real(0.02);      // of the torque, until it is measured
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
     static constexpr Real kLeastEffectError = Real(0.05);  // relative, of the effects' parameters
     static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
@@ -270,6 +271,11 @@ class AdaptiveEstimator {
         publish
     };
 
+    // Innovations over their deviations, since the window began.
+    struct Quiet {
+        Real squares = 0, slow_squares = 0, sum = 0;
+        int rows = 0;
+    };
     struct Row {
         Vector phi{};       // regressor over the row's deviation
         Real residual{};    // Nm
@@ -277,9 +283,9 @@ class AdaptiveEstimator {
         typename Rls::Projection projection{};
         Real power{};       // of innovations, Nm^2, less the share that is the estimate's own error
         Real slow_power{};  // the same of sums over kRunRows rows, over their number
-        Real run_sum = 0;
-        int run = 0;
-        std::uint32_t seen = 0;
+        Real least{};       // by the noise of the angles alone
+        int seen = 0;       // rows whose noise was measured, up to kNoiseRows
+        Quiet quiet;
     };
     // Sums over the rows since the window began: of innovations that go with a parameter's regressor, and of
     // what they may come to by noise and by the estimate's own error.
@@ -308,10 +314,7 @@ class AdaptiveEstimator {
         doubtful_ = 0;
         work_ = Work::doubt;
         window_ = {};
-        for (Row& row : row_) {
-            row.run = 0;
-            row.run_sum = 0;
-        }
+        for (Row& row : row_) row.quiet = {};
     }
 
     // A load of the share `doubt`, put on over one wheel, moves the centre of gravity by that share of half
@@ -353,10 +356,9 @@ class AdaptiveEstimator {
         instrument_.omega_rad_per_s2 = instrument(row_[1], kInertia);
     }
     Real instrument(const Row& row, std::size_t i) const {
-        const Real noise = std::max(row.power, row.slow_power);
-        const Real own_error = rls_.projection(row.phi).variance / noise;
+        const Real own_error = rls_.projection(row.phi).variance / noise(row);
         const Real torque = rls_.theta()[i] * row.phi[i] + row.residual / (1 + own_error);
-        return torque * torque > kLeastOverNoise * kLeastOverNoise * noise ? torque / rls_.theta()[i] : Real(0);
+        return torque * torque > kLeastOverNoise * kLeastOverNoise * noise(row) ? torque / rls_.theta()[i] : Real(0);
     }
 
     void take_residual(Row& row, Real torque_Nm) {
@@ -366,41 +368,43 @@ class AdaptiveEstimator {
 
     // Whether the row may teach. It is then weighed and projected.
     bool judge(Row& row) {
-        const Real weight = 1 / std::sqrt(std::max(row.power, row.slow_power));
+        const Real weight = 1 / std::sqrt(noise(row));
         row.innovation = row.residual * weight;
         for (std::size_t i = 0; i < size(); ++i) row.phi[i] *= weight;
         if (hold_rows_ > 0) return false;  // the other equation has just found a change
         row.projection = rls_.projection(row.phi);
-        if (changed(row)) {
-            hold_rows_ = kWindowRows;
+        const Real deviation = 1 + row.projection.variance;
+        const Real square = row.innovation * row.innovation / deviation;
+        if (row.seen < kRunRows) {
+            const WheelPair<Real>& torque = filter_.row().torque_Nm[0];
+            const Real most = torque.left * torque.left + torque.right * torque.right;
+            ++row.seen;
+            row.power += (kNoiseAtFirst * kNoiseAtFirst * most - row.power) / static_cast<Real>(row.seen);
+            row.power = std::max(row.power, row.least);
             return false;
+        }
+        const Real gate = options_.gate_sigma * options_.gate_sigma;
+        if (square > gate || window_shows_change(row, gate)) {
+            hold_rows_ = kWindowRows;
+            // twice, with no quiet window between: rather the noise is larger than it was thought to be
+            if (!was_quiet_) row.power = 2 * noise(row);
+            was_quiet_ = false;
+            return false;
+        }
+        if (row.projection.variance > 1) return true;  // shows the estimate's error, not noise
+        Quiet& quiet = row.quiet;
+        quiet.squares += square;
+        quiet.sum += row.innovation / std::sqrt(deviation);
+        if (++quiet.rows % kRunRows == 0) {
+            quiet.slow_squares += quiet.sum * quiet.sum / kRunRows;
+            quiet.sum = 0;
         }
         return true;
     }
 
-    // Also keeps the powers of what the model does not explain.
-    bool changed(Row& row) {
-        const Real gate = options_.gate_sigma * options_.gate_sigma;
-        const Real deviation = 1 + row.projection.variance;
-        const Real square = row.innovation * row.innovation / deviation;
-        const Real now = std::max(row.power, row.slow_power);
-        ++row.seen;
-        const Real share = Real(1) / static_cast<Real>(std::min<std::uint32_t>(row.seen + kRunRows, kNoiseRows));
-        row.power = std::max(row.power + share * (std::min(square, gate) * now - row.power), kTinyVariance);
-        if (square > gate) return true;
-        row.run_sum += row.innovation / std::sqrt(deviation);
-        if (++row.run == kRunRows) {
-            const Real slow = std::min(row.run_sum * row.run_sum / kRunRows, gate) * now;
-            row.slow_power += std::min(Real(0.5), kRunRows * share) * (slow - row.slow_power);
-            row.run = 0;
-            row.run_sum = 0;
-        }
-        return window_shows_change(row, deviation, gate);
-    }
-
-    bool window_shows_change(const Row& row, Real deviation, Real gate) {
+    bool window_shows_change(const Row& row, Real gate) {
         Window& w = window_;
-        const Real own = std::sqrt(deviation - 1);
+        const Real own = std::sqrt(row.projection.variance);
         bool found = false;
         for (std::size_t i = 0; i < kLoad; ++i) {
             w.score[i] += row.phi[i] * row.innovation;
@@ -409,9 +413,33 @@ class AdaptiveEstimator {
             found = found || w.score[i] * w.score[i] > gate * (w.noise[i] + w.error[i] * w.error[i]);
         }
         if (++w.rows < 2 * kFewestRows) return false;
-        if (!found && w.rows >= 2 * window_rows_) w = {};
+        if (!found && w.rows >= 2 * window_rows_) {
+            w = {};
+            was_quiet_ = true;
+            for (Row& quiet : row_) learn_noise(quiet);
+        }
         return found;
     }
+
+    // From a window without a change, so that a change does not hide itself.
+    void learn_noise(Row& row) {
+        const Real now = noise(row);
+        const auto learn = [&](Real& power, Real squares, int count, int rows) {
+            if (count == 0) return;
+            const Real share = static_cast<Real>(rows) / static_cast<Real>(std::min(row.seen, kNoiseRows));
+            power += share * (now * squares / static_cast<Real>(count) - power);
+            power = std::max(power, row.least);
+        };
+        row.seen = std::min(row.seen + row.quiet.rows, kNoiseRows);
+        if (row.seen == row.quiet.rows + kRunRows) row.seen = row.quiet.rows;
+        const int runs = row.quiet.rows / kRunRows;
+        learn(row.power, row.quiet.squares, row.quiet.rows, row.quiet.rows);
+        learn(row.slow_power, row.quiet.slow_squares, runs, runs * kRunRows);
+        row.quiet = {};
+    }
+
+    // Variance of a residual, Nm^2.
+    static Real noise(const Row& row) { return std::max(row.power, row.slow_power); }
 
     void learn(Row& row) {
         Vector gain;
@@ -479,6 +507,7 @@ class AdaptiveEstimator {
     int size_ = static_cast<int>(kFixed);
     int window_rows_ = 1;
     int hold_rows_ = 0;
+    bool was_quiet_ = true;     // a whole window without a change since the last one
     std::size_t doubtful_ = 0;  // of the load's parameters: the next one to be doubted
     Work work_ = Work::none;
     bool waited_ = false;

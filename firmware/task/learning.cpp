@@ -34,20 +34,12 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
     return options;
 }
 
-// The rows' averaging weight: short beside the motion, which goes with the lap, and long beside the noise, which
-// falls with the weight's length to the power of 2.5. A figure's harmonics that matter end at the tenth: of
-// a twentieth of their period the weight takes less than 1 %. At most so long that the least memory holds some
-// tens of rows; at least so long that a row's work is done before the next.
-double adaptive_kernel_s(double lap_s, double memory_s) {
-    constexpr double kKernelsPerLap = 240;
-    constexpr double kKernelsPerMemory = 20;
-    constexpr double kShortest_s = 20 * kCyclePeriod_s;
-    if (lap_s <= 0) return ident::kAdaptiveKernel_s;
-    return std::clamp(lap_s / kKernelsPerLap, kShortest_s, std::max(kShortest_s, memory_s / kKernelsPerMemory));
-}
-
 // A lobe of a figure-8 holds what the figure can tell; what is remembered should be most of one.
 constexpr double kLapsRemembered = 0.4;
+// The rows' averaging weight: long beside the noise, which falls with its length to the power of 2.5, and short
+// beside what is remembered, so that this holds some tens of rows. What a row averages over is averaged alike in
+// motion and torque.
+const double kKernelsRemembered = getenv("KR") ? atof(getenv("KR")) : 40;
 
 double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
 
@@ -146,12 +138,12 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
 
 void Learning::start_adaptation(const model::RobotParameters& p, const control::PlantModel<double>& plant, double lap_s) {
     ident::AdaptiveEstimatorOptions<double> options;
-    options.filter = filter_options(p, adaptive_kernel_s(lap_s, p.adaptation.memory_s));
+    options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
+    options.filter = filter_options(p, options.memory_s / kKernelsRemembered);
     options.dynamics = plant.dynamics;
     options.standard_error = p.dynamics_standard_error;
     options.effects = plant.effects;
     options.effects_standard_error = p.effects_standard_error;
-    options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
     options.minimum_excitation = p.adaptation.minimum_excitation;
     options.trust_relative_error = p.adaptation.trust_relative_error;
     options.range = p.adaptation.range;
