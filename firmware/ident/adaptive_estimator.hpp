@@ -102,23 +102,11 @@ class AdaptiveEstimator {
         Vector error{a * error7, b * error8, a * error5_m, a * kOffsetError * track_m_, kMismatchError};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
             const ColumnPlace p = places_[j];
-            const model::EffectParameterInfo& info = model::kEffects[p.effect].parameters[p.parameter];
-            low_[kFixed + j] = static_cast<Real>(info.minimum);
-            high_[kFixed + j] = static_cast<Real>(info.maximum);
             theta[kFixed + j] = options.effects.parameter[p.effect][p.parameter];
             error[kFixed + j] = std::max(options.effects_standard_error.parameter[p.effect][p.parameter],
                                          kLeastEffectError * std::abs(theta[kFixed + j]));
         }
-        for (const std::size_t i : {kMass, kInertia}) {
-            low_[i] = theta[i] / options.range;
-            high_[i] = theta[i] * options.range;
-        }
-        for (const std::size_t i : {kAhead, kLeft}) {
-            low_[i] = theta[i] - a * track_m_;
-            high_[i] = theta[i] + a * track_m_;
-        }
-        low_[kMismatch] = -kMostMismatch;
-        high_[kMismatch] = kMostMismatch;
+        least_ = {theta[kMass] / options.range, theta[kInertia] / options.range};
 
         Vector variance{};
         Vector ceiling{};
@@ -252,7 +240,6 @@ class AdaptiveEstimator {
     static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
     static constexpr Real kOffsetError = Real(0.05);       // of the track: batteries, a motor on one side
     static constexpr Real kMismatchError = Real(0.1);      // motor constants of one kind, and a weak drive
-    static constexpr Real kMostMismatch = Real(0.5);       // one drive three times as strong as the other
     static constexpr Real kLeastOverNoise = 3;  // an acceleration that tells something
     static constexpr Real kTinyVariance = Real(1e-14);
     using Vector = std::array<Real, kSize>;
@@ -444,9 +431,10 @@ class AdaptiveEstimator {
     void learn(Row& row) {
         Vector gain;
         const Real scale = rls_.update_gain(row.projection, gain) * row.innovation;
+        // No other bounds here: one that cuts a parameter short leaves those that go with it wrong.
         for (std::size_t i = 0; i < size(); ++i) {
-            rls_.set_theta(static_cast<int>(i),
-                           std::clamp(rls_.theta()[i] + gain[i] * scale, low_[i], high_[i]));
+            const Real value = rls_.theta()[i] + gain[i] * scale;
+            rls_.set_theta(static_cast<int>(i), i < least_.size() ? std::max(value, least_[i]) : value);
         }
     }
 
@@ -483,7 +471,10 @@ class AdaptiveEstimator {
                                     std::sqrt(p.k8_per_kg_m2)};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j) {
             const ColumnPlace place = places_[j];
-            estimate_.effects.parameter[place.effect][place.parameter] = t[kFixed + j];
+            const model::EffectParameterInfo& info =
+                model::kEffects[place.effect].parameters[place.parameter];
+            estimate_.effects.parameter[place.effect][place.parameter] = std::clamp(
+                t[kFixed + j], static_cast<Real>(info.minimum), static_cast<Real>(info.maximum));
             estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
                 std::sqrt(held_[kFixed + j]);
         }
@@ -500,7 +491,8 @@ class AdaptiveEstimator {
     Window window_{};
     TwistRate<Real> instrument_{};  // accelerations of the row under way
     std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
-    Vector low_{}, high_{}, held_{};
+    std::array<Real, 2> least_{};  // of A and B, which are divided by
+    Vector held_{};
     std::array<bool, kSize> excited_{};
     Real track_m_{}, per_track_{};
     int columns_ = 0;
