@@ -85,6 +85,12 @@ inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& f
     return r.radius_m * found.angle_noise_rad / kObserver_s;
 }
 
+// A wheel whose angle stays within the noise, taken over this span, may stand.
+inline constexpr double kStillNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
+inline double standing_speed_rad_per_s(double angle_noise_rad, int speed_span, double sample_time_s) {
+    return kStillNoises * angle_noise_rad / ((speed_span + 2) * sample_time_s);
+}
+
 inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& found) {
     using protocol::IdentCause;
     Sizing s;
@@ -144,13 +150,13 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     // stands.
     constexpr double kTurningShare = 0.8;
     constexpr double kSpanShare = 0.6;
-    constexpr double kNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
-    const double still_rad = kNoises * found.angle_noise_rad;
+    const double still_rad = kStillNoises * found.angle_noise_rad;
     const double slowest = std::min(2 * k7, k8 * r.track_m) * (s.amplitude_Nm - friction) / r.radius_m;
     const double turning_samples = kTurningShare * std::sqrt(2 * still_rad / slowest) / r.sample_time_s;
     s.speed_span = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
     s.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
-    s.standing_speed_rad_per_s = still_rad / ((s.speed_span + 2) * r.sample_time_s);
+    s.standing_speed_rad_per_s =
+        standing_speed_rad_per_s(found.angle_noise_rad, s.speed_span, r.sample_time_s);
     return s;
 }
 

@@ -140,6 +140,12 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
     ident::AdaptiveEstimatorOptions<double> options;
     options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
     options.filter = filter_options(p, options.memory_s / kKernelsRemembered);
+    const double noise_rad = p.velocity_loop.angle_noise_rad;
+    if (noise_rad > 0) {
+        options.angle_noise_rad = noise_rad;
+        options.filter.speed_span = 24;
+        options.filter.standing_speed_rad_per_s = ident::standing_speed_rad_per_s(noise_rad, options.filter.speed_span, kCyclePeriod_s);
+    }
     options.dynamics = plant.dynamics;
     options.standard_error = p.dynamics_standard_error;
     options.effects = plant.effects;

@@ -1,20 +1,3 @@
-#include <cstdio>
-#include <cstdlib>
-#include <sstream>
-#include <memory>
-#include <vector>
-#include <string>
-#include <map>
-#include <functional>
-#include <optional>
-#include <algorithm>
-#include <random>
-#include <Eigen/Core>
-#include <Eigen/Dense>
-#define private public
-#include "firmware/ident/adaptive_estimator.hpp"
-#include "firmware/task/learning.hpp"
-#undef private
 #include "tools/strangers/trial.hpp"
 
 #include <algorithm>
@@ -160,10 +143,6 @@ double drive_with_payload(Simulation& sim, const DrawnRobot& robot, protocol::Mo
     options.duration_s = load_s + 2 * wait_s + 0.1;
     int stage = 0;
     options.event = [&](Simulation& now, double time_s) {
-        static double next = 0; if (time_s < 0.01) next = 0; if (time_s < next - 10) next = 0;
-        if (getenv("TRACE") && time_s >= next) { next = time_s + atof(getenv("TRACE"));
-          const auto& ad = now.cycle().learning().adaptive_; FourValues er = four(seen_truth(robot, now.world().plant().actual())); { FourValues es = four(now.cycle().learning().estimate().dynamics); for (std::size_t k = 0; k < 4; ++k) er[k] = es[k] / er[k] - 1; } const auto& e = ad.estimate(); const auto& t = ad.rls_.theta();
-          std::fprintf(stderr, "%7.2f K5 %+.4f K7 %+7.2f%% (%.2f) K8 %+7.2f%% (%.2f) y %+.4f(%.4f) g %+.4f(%.4f) f %.4f %.4f %.4f %.4f (%.4f %.4f) sd %.4f %.4f | %.4f %.4f rows %u mask %u ch %u exc %d%d%d%d%d z %.3f %.3f w %d A %.3f\n", time_s, er[0], 100*er[2], 100*e.standard_error.k7_per_kg_m/e.dynamics.k7_per_kg_m, 100*er[3], 100*e.standard_error.k8_per_kg_m2/e.dynamics.k8_per_kg_m2, t[3]/t[0], std::sqrt(ad.held_[3])/t[0], t[4], std::sqrt(ad.held_[4]), t[5], t[6], t[7], t[8], std::sqrt(ad.held_[5]), std::sqrt(ad.held_[7]), std::sqrt(ad.row_[0].power), std::sqrt(ad.row_[0].slow_power), std::sqrt(ad.row_[1].power), std::sqrt(ad.row_[1].slow_power), e.rows, e.masked_rows, e.changes, ad.excited_[0], ad.excited_[1], ad.excited_[2], ad.excited_[3], ad.excited_[4], ad.instrument_.v_m_per_s2, ad.instrument_.omega_rad_per_s2, ad.window_.rows, t[0]); }
         if (time_s < load_s + stage * wait_s || now.cycle().supervisor().mode() != mode) return;
         sim::Payload load = robot.payload;
         if (stage == 0) now.world().plant().add_payload(load);
