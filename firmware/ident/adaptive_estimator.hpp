@@ -125,7 +125,7 @@ class AdaptiveEstimator {
             rls_.set_bounds(static_cast<int>(i), least * least, ceiling[i]);
         }
         monitor_.reset(lambda, ceiling, size_);
-        window_rows_ = std::max(2 * kFewestRows, static_cast<int>(options.memory_s / (2 * interval_s)));
+        window_rows_ = std::max(2 * kFewestRows, static_cast<int>(options.memory_s / interval_s));
 
         // angle noise of a block's mean, differenced twice: variance 6
         const Real wheel = options.angle_noise_rad * std::sqrt(6 / m) / (interval_s * interval_s);
@@ -134,7 +134,7 @@ class AdaptiveEstimator {
         row_[0].power = row_[0].least = std::max(rim * rim / 2 * a * a, kTinyVariance);
         row_[1].power = row_[1].least = std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
         was_quiet_ = true;
-        window_ = {};
+        window_ = {.keep = 1 - Real(1) / static_cast<Real>(2 * window_rows_)};
         hold_rows_ = 0;
         doubtful_ = 0;
         excited_.fill(false);
@@ -235,6 +235,7 @@ class AdaptiveEstimator {
     static constexpr int kRunRows = 16;
     static constexpr int kNoiseRows = 300;                 // over which the noise is averaged
     static constexpr Real kNoiseAtFirst = Real(0.02);      // of the torque, until it is measured
+    static constexpr Real kBestModel = Real(0.01);         // of the accelerating torque: no model is better
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
     static constexpr Real kLeastEffectError = Real(0.05);  // relative, of the effects' parameters
     static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
@@ -270,6 +271,7 @@ class AdaptiveEstimator {
         typename Rls::Projection projection{};
         Real power{};       // of innovations, Nm^2, less the share that is the estimate's own error
         Real slow_power{};  // the same of sums over kRunRows rows, over their number
+        Real moving_power = 0;  // mean square of the accelerating torque, Nm^2
         Real least{};       // by the noise of the angles alone
         int seen = 0;       // rows whose noise was measured, up to kNoiseRows
         Quiet quiet;
@@ -278,6 +280,7 @@ class AdaptiveEstimator {
     // what they may come to by noise and by the estimate's own error.
     struct Window {
         std::array<Real, kLoad> score{}, noise{}, error{};
+        Real keep{};
         int rows = 0;
     };
 
@@ -300,7 +303,7 @@ class AdaptiveEstimator {
         ++estimate_.changes;
         doubtful_ = 0;
         work_ = Work::doubt;
-        window_ = {};
+        window_ = {.keep = window_.keep};
         for (Row& row : row_) row.quiet = {};
     }
 
@@ -342,7 +345,9 @@ class AdaptiveEstimator {
         turning_row();
         instrument_.omega_rad_per_s2 = instrument(row_[1], kInertia);
     }
-    Real instrument(const Row& row, std::size_t i) const {
+    Real instrument(Row& row, std::size_t i) {
+        const Real moving = rls_.theta()[i] * row.phi[i];
+        row.moving_power += (moving * moving - row.moving_power) / kNoiseRows;
         const Real own_error = rls_.projection(row.phi).variance / noise(row);
         const Real torque = rls_.theta()[i] * row.phi[i] + row.residual / (1 + own_error);
         return torque * torque > kLeastOverNoise * kLeastOverNoise * noise(row) ? torque / rls_.theta()[i] : Real(0);
@@ -364,9 +369,9 @@ class AdaptiveEstimator {
         const Real square = row.innovation * row.innovation / deviation;
         if (row.seen < kRunRows) {
             const WheelPair<Real>& torque = filter_.row().torque_Nm[0];
-            const Real most = torque.left * torque.left + torque.right * torque.right;
+            const Real largest = torque.left * torque.left + torque.right * torque.right;
             ++row.seen;
-            row.power += (kNoiseAtFirst * kNoiseAtFirst * most - row.power) / static_cast<Real>(row.seen);
+            row.power += (kNoiseAtFirst * kNoiseAtFirst * largest - row.power) / static_cast<Real>(row.seen);
             row.power = std::max(row.power, row.least);
             return false;
         }
@@ -394,14 +399,13 @@ class AdaptiveEstimator {
         const Real own = std::sqrt(row.projection.variance);
         bool found = false;
         for (std::size_t i = 0; i < kLoad; ++i) {
-            w.score[i] += row.phi[i] * row.innovation;
-            w.noise[i] += row.phi[i] * row.phi[i];
-            w.error[i] += std::abs(row.phi[i]) * own;
+            w.score[i] = w.keep * w.score[i] + row.phi[i] * row.innovation;
+            w.noise[i] = w.keep * w.keep * w.noise[i] + row.phi[i] * row.phi[i];
+            w.error[i] = w.keep * w.error[i] + std::abs(row.phi[i]) * own;
             found = found || w.score[i] * w.score[i] > gate * (w.noise[i] + w.error[i] * w.error[i]);
         }
         if (++w.rows < 2 * kFewestRows) return false;
-        if (!found && w.rows >= 2 * window_rows_) {
-            w = {};
+        if (!found && w.rows % (2 * window_rows_) == 0) {
             was_quiet_ = true;
             for (Row& quiet : row_) learn_noise(quiet);
         }
@@ -426,7 +430,9 @@ class AdaptiveEstimator {
     }
 
     // Variance of a residual, Nm^2.
-    static Real noise(const Row& row) { return std::max(row.power, row.slow_power); }
+    static Real noise(const Row& row) {
+        return std::max({row.power, row.slow_power, kBestModel * kBestModel * row.moving_power});
+    }
 
     void learn(Row& row) {
         Vector gain;
