@@ -2,8 +2,8 @@
 // floor.
 //
 // A load may lie anywhere, so mass, inertia and both coordinates of the centre of gravity may change; a load
-// beside the middle line couples forward motion and turning, and so do drives that are unlike. The torque that
-// a motion takes is linear in all of them (Newton-Euler about the middle of the axle):
+// beside the middle line couples forward motion and turning, and so do drives that are unlike. The torque
+// that a motion takes is linear in all of them (Newton-Euler about the middle of the axle):
 //
 //     S + g D + friction's sum        = A v'     - sx omega^2       - sy omega'
 //     D + g S + friction's difference = B omega' + sx (2/b) v omega - sy (2/b) v'
@@ -12,7 +12,8 @@
 // times the mass times its centre's place ahead of the axle and left of the middle; g: the drives' gain
 // mismatch. Hence
 //
-//     K7 = 1 / (A (1 - k)), K8 = 1 / (B (1 - k)), k = (2/b) sy^2 / (A B);   K5 = sx / A;   K6 = -K5 2 K8 / (b K7)
+//     K7 = 1 / (A (1 - k)), K8 = 1 / (B (1 - k)), k = (2/b) sy^2 / (A B);   K5 = sx / A;   K6 = -K5 2 K8 / (b
+//     K7)
 //
 // so that K7 and K8 are what a torque does in its own direction, as ident mode finds them.
 //
@@ -25,19 +26,21 @@
 // from what was measured and from what the model expects, each by what it is worth; only the residual has the
 // measured ones (an instrumental variable: Soderstrom and Stoica 1983).
 //
-// Directional forgetting with the memory `memory_s`; a parameter whose excitation (excitation_monitor.hpp)
-// lies below `minimum_excitation` is held; rows with slip, saturation in the drive, or a standing wheel are
-// masked.
+// Directional forgetting with the memory `memory_s`, and none at all of what a row hardly tells: where
+// nothing excites a parameter, it stays. Rows with slip, saturation in the drive, or a standing wheel are
+// masked. `minimum_excitation` (excitation_monitor.hpp) is for frozen() only.
 //
 // Noise: rows are weighed by the power of their own innovations, of single rows or of sums over kRunRows,
-// whichever is larger: the second is what a model that is not complete leaves.
+// whichever is larger (the second is what a model that is not complete leaves), and at least by kBestModel of
+// the torque that accelerates. It is learned from times without a change, so that a change does not hide
+// itself.
 //
 // Change detection: an innovation beyond `gate_sigma` of its own deviation stops the use of rows until the
-// averaging window has passed the event. So does a sum of innovations that goes with a parameter's regressor,
-// beyond that of its own deviation, of the rows of half the memory at most: a smaller change, seen later. What
-// a load can change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of that share
-// shifts at the track's edge; the rows that follow settle them. A jolt thus costs a fresh look, never a wrong
-// row.
+// averaging window has passed the event. So does a sum of innovations that goes with one of the load's
+// regressors, over about the last memory, beyond kSumGate_sigma of its own deviation: a smaller change, seen
+// later. What a load can change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of
+// that share shifts at the track's edge; the rows that follow settle them. A jolt thus costs a fresh look,
+// never a wrong row. A change smaller than the memory's rows can show is not seen: see docs/driving.md.
 //
 // Standard errors: sqrt(P_ii), in units of that noise.
 //
@@ -132,7 +135,8 @@ class AdaptiveEstimator {
         const Real rim = wheel * static_cast<Real>(options.filter.geometry.mean_radius_m());
         row_ = {};
         row_[0].power = row_[0].least = std::max(rim * rim / 2 * a * a, kTinyVariance);
-        row_[1].power = row_[1].least = std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
+        row_[1].power = row_[1].least =
+            std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
         was_quiet_ = true;
         window_ = {.keep = 1 - Real(1) / static_cast<Real>(2 * window_rows_)};
         hold_rows_ = 0;
@@ -233,7 +237,8 @@ class AdaptiveEstimator {
     static constexpr int kWindowRows = 3;  // rows that one event can touch
     static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
-    static constexpr int kNoiseRows = 300;                 // over which the noise is averaged
+    static constexpr int kNoiseRows = 300;     // over which the noise is averaged
+    static constexpr Real kSumGate_sigma = 5;  // of sums, which are nearer to a normal distribution than rows
     static constexpr Real kNoiseAtFirst = Real(0.02);      // of the torque, until it is measured
     static constexpr Real kBestModel = Real(0.01);         // of the accelerating torque: no model is better
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
@@ -241,7 +246,7 @@ class AdaptiveEstimator {
     static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
     static constexpr Real kOffsetError = Real(0.05);       // of the track: batteries, a motor on one side
     static constexpr Real kMismatchError = Real(0.1);      // motor constants of one kind, and a weak drive
-    static constexpr Real kLeastOverNoise = 3;  // an acceleration that tells something
+    static constexpr Real kLeastOverNoise = 3;             // an acceleration that tells something
     static constexpr Real kTinyVariance = Real(1e-14);
     using Vector = std::array<Real, kSize>;
     using Rls = UdRls<Real, kSize, true>;
@@ -269,19 +274,19 @@ class AdaptiveEstimator {
         Real residual{};    // Nm
         Real innovation{};  // over the row's deviation
         typename Rls::Projection projection{};
-        Real power{};       // of innovations, Nm^2, less the share that is the estimate's own error
-        Real slow_power{};  // the same of sums over kRunRows rows, over their number
+        Real power{};           // of innovations, Nm^2, less the share that is the estimate's own error
+        Real slow_power{};      // the same of sums over kRunRows rows, over their number
         Real moving_power = 0;  // mean square of the accelerating torque, Nm^2
-        Real least{};       // by the noise of the angles alone
-        int seen = 0;       // rows whose noise was measured, up to kNoiseRows
+        Real least{};           // by the noise of the angles alone
+        int seen = 0;           // rows whose noise was measured, up to kNoiseRows
         Quiet quiet;
     };
-    // Sums over the rows since the window began: of innovations that go with a parameter's regressor, and of
-    // what they may come to by noise and by the estimate's own error.
+    // Fading sums over rows: of innovations that go with a parameter's regressor, and of what they may come
+    // to by noise and by the estimate's own error.
     struct Window {
         std::array<Real, kLoad> score{}, noise{}, error{};
-        Real keep{};
-        int rows = 0;
+        Real keep{};   // by each row of either equation
+        int rows = 0;  // of both equations
     };
 
     std::size_t size() const { return static_cast<std::size_t>(size_); }
@@ -337,8 +342,8 @@ class AdaptiveEstimator {
     }
 
     // A residual is what the measured acceleration lacks of the expected one, as torque. The expected one is
-    // worth more where the estimate is surer than the measurement. One that noise could have made is none: in a
-    // closed loop the torque answers to that noise.
+    // worth more where the estimate is surer than the measurement. One that noise could have made is none: in
+    // a closed loop the torque answers to that noise.
     void find_instrument() {
         linear_row();
         instrument_.v_m_per_s2 = instrument(row_[0], kMass);
@@ -350,7 +355,8 @@ class AdaptiveEstimator {
         row.moving_power += (moving * moving - row.moving_power) / kNoiseRows;
         const Real own_error = rls_.projection(row.phi).variance / noise(row);
         const Real torque = rls_.theta()[i] * row.phi[i] + row.residual / (1 + own_error);
-        return torque * torque > kLeastOverNoise * kLeastOverNoise * noise(row) ? torque / rls_.theta()[i] : Real(0);
+        return torque * torque > kLeastOverNoise * kLeastOverNoise * noise(row) ? torque / rls_.theta()[i]
+                                                                                : Real(0);
     }
 
     void take_residual(Row& row, Real torque_Nm) {
@@ -376,7 +382,7 @@ class AdaptiveEstimator {
             return false;
         }
         const Real gate = options_.gate_sigma * options_.gate_sigma;
-        if (square > gate || window_shows_change(row, gate)) {
+        if (square > gate || window_shows_change(row)) {
             hold_rows_ = kWindowRows;
             // twice, with no quiet window between: rather the noise is larger than it was thought to be
             if (!was_quiet_) row.power = 2 * noise(row);
@@ -394,15 +400,16 @@ class AdaptiveEstimator {
         return true;
     }
 
-    bool window_shows_change(const Row& row, Real gate) {
+    bool window_shows_change(const Row& row) {
         Window& w = window_;
         const Real own = std::sqrt(row.projection.variance);
+        constexpr Real sum_gate = kSumGate_sigma * kSumGate_sigma;
         bool found = false;
         for (std::size_t i = 0; i < kLoad; ++i) {
             w.score[i] = w.keep * w.score[i] + row.phi[i] * row.innovation;
             w.noise[i] = w.keep * w.keep * w.noise[i] + row.phi[i] * row.phi[i];
             w.error[i] = w.keep * w.error[i] + std::abs(row.phi[i]) * own;
-            found = found || w.score[i] * w.score[i] > gate * (w.noise[i] + w.error[i] * w.error[i]);
+            found = found || w.score[i] * w.score[i] > sum_gate * (w.noise[i] + w.error[i] * w.error[i]);
         }
         if (++w.rows < 2 * kFewestRows) return false;
         if (!found && w.rows % (2 * window_rows_) == 0) {
@@ -469,9 +476,9 @@ class AdaptiveEstimator {
         const Real to_k5 = 1 / t[kMass];
         const Real to_k6 = per_track_ * k8 / k7;
         estimate_.dynamics = {k5, model::coupled_k6(k5, k7, k8, track_m_), k7, k8};
-        estimate_.covariance_diagonal = {
-            to_k5 * to_k5 * held_[kAhead], to_k6 * to_k6 * to_k5 * to_k5 * held_[kAhead],
-            to_k7 * to_k7 * held_[kMass], to_k8 * to_k8 * held_[kInertia]};
+        estimate_.covariance_diagonal = {to_k5 * to_k5 * held_[kAhead],
+                                         to_k6 * to_k6 * to_k5 * to_k5 * held_[kAhead],
+                                         to_k7 * to_k7 * held_[kMass], to_k8 * to_k8 * held_[kInertia]};
         const model::Dynamics<Real>& p = estimate_.covariance_diagonal;
         estimate_.standard_error = {std::sqrt(p.k5_m), std::sqrt(p.k6_per_m), std::sqrt(p.k7_per_kg_m),
                                     std::sqrt(p.k8_per_kg_m2)};
@@ -479,8 +486,8 @@ class AdaptiveEstimator {
             const ColumnPlace place = places_[j];
             const model::EffectParameterInfo& info =
                 model::kEffects[place.effect].parameters[place.parameter];
-            estimate_.effects.parameter[place.effect][place.parameter] = std::clamp(
-                t[kFixed + j], static_cast<Real>(info.minimum), static_cast<Real>(info.maximum));
+            estimate_.effects.parameter[place.effect][place.parameter] =
+                std::clamp(t[kFixed + j], static_cast<Real>(info.minimum), static_cast<Real>(info.maximum));
             estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
                 std::sqrt(held_[kFixed + j]);
         }
@@ -503,7 +510,7 @@ class AdaptiveEstimator {
     Real track_m_{}, per_track_{};
     int columns_ = 0;
     int size_ = static_cast<int>(kFixed);
-    int window_rows_ = 1;
+    int window_rows_ = 1;  // of each equation
     int hold_rows_ = 0;
     bool was_quiet_ = true;     // a whole window without a change since the last one
     std::size_t doubtful_ = 0;  // of the load's parameters: the next one to be doubted

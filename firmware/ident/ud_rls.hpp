@@ -9,7 +9,9 @@
 //   none          every sample counts for ever
 //   exponential   all information fades: P / lambda after each sample
 //   directional   information fades only along the direction phi that the sample renews (Kulhavy 1987):
-//                 inverse(P) gains eps phi phi^T with eps = lambda - (1 - lambda) / (phi^T P phi)
+//                 inverse(P) gains eps phi phi^T with eps = lambda - (1 - lambda) / (phi^T P phi), and
+//                 nothing where that is negative: noise in a direction that nothing excites would else let
+//                 its variance grow until the noise is believed
 //
 // Cost: about 1.5 N^2 + 6 N multiply-adds and N divisions a sample; no allocation. Not thread-safe.
 #pragma once
@@ -95,7 +97,7 @@ class UdRls {
             denominator = lambda_ + zeta;
             grow = inverse_lambda_;
         } else if (forgetting_ == Forgetting::directional) {
-            // phi without any power renews nothing, hence forgets nothing
+            // phi that tells less than would be forgotten for it renews nothing
             weight = zeta > kNoPower ? std::max(Real(0), lambda_ - (1 - lambda_) / zeta) : Real(0);
         }
         rank_one(p.f, p.v, weight, grow, gain);
@@ -169,8 +171,7 @@ class UdRls {
         return zeta;
     }
 
-    // P becomes grow * (P - weight / (1 + weight zeta) b b^T), b = P phi, returned in `b`. A negative weight
-    // (directional forgetting) lets P grow; alpha stays positive as long as weight * zeta > -1.
+    // P becomes grow * (P - weight / (1 + weight zeta) b b^T), b = P phi, returned in `b`.
     void rank_one(const Vector& f, const Vector& v, Real weight, Real grow, Vector& b) {
         Real alpha = 1;
         Real inverse = 1;

@@ -36,10 +36,12 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
 
 // A lobe of a figure-8 holds what the figure can tell; what is remembered should be most of one.
 constexpr double kLapsRemembered = 0.4;
-// The rows' averaging weight: long beside the noise, which falls with its length to the power of 2.5, and short
-// beside what is remembered, so that this holds some tens of rows. What a row averages over is averaged alike in
+// The rows' averaging weight: long beside the noise, which falls with its length to the power of 2.5, and
+// short beside what is remembered, which then is 60 rows. What happens within a row is averaged alike in
 // motion and torque.
-const double kKernelsRemembered = getenv("KR") ? atof(getenv("KR")) : 40;
+constexpr double kKernelsRemembered = 40;
+// Samples that a speed is taken over: driving is slow beside the longest span that the filter has.
+constexpr int kAdaptiveSpeedSpan = 24;
 
 double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
 
@@ -136,15 +138,17 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     }
 }
 
-void Learning::start_adaptation(const model::RobotParameters& p, const control::PlantModel<double>& plant, double lap_s) {
+void Learning::start_adaptation(const model::RobotParameters& p, const control::PlantModel<double>& plant,
+                                double lap_s) {
     ident::AdaptiveEstimatorOptions<double> options;
     options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
     options.filter = filter_options(p, options.memory_s / kKernelsRemembered);
     const double noise_rad = p.velocity_loop.angle_noise_rad;
     if (noise_rad > 0) {
         options.angle_noise_rad = noise_rad;
-        options.filter.speed_span = 24;
-        options.filter.standing_speed_rad_per_s = ident::standing_speed_rad_per_s(noise_rad, options.filter.speed_span, kCyclePeriod_s);
+        options.filter.speed_span = kAdaptiveSpeedSpan;
+        options.filter.standing_speed_rad_per_s =
+            ident::standing_speed_rad_per_s(noise_rad, kAdaptiveSpeedSpan, kCyclePeriod_s);
     }
     options.dynamics = plant.dynamics;
     options.standard_error = p.dynamics_standard_error;

@@ -46,7 +46,8 @@ class Learning {
     void record(ParameterService& service, model::RobotParameters& live) const;
 
     // `lap_s`: the period of what will be driven; 0: not known.
-    void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant, double lap_s);
+    void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant,
+                          double lap_s);
     // True when what is adapted differs from before. `may_adapt`: nothing forbids it (saturation, slip).
     // `busy`: what can wait for a cycle shall.
     bool adapt(const Sample& sample, bool may_adapt, bool busy);

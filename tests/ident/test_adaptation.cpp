@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 
@@ -74,12 +75,15 @@ struct AdaptiveDrive {
                 static_cast<Real>(std::clamp(right, -5.0, 5.0))};
         robot.step(static_cast<double>(told.left), static_cast<double>(told.right));
     }
+    // K7 and K8 are what a torque does in its own direction.
     double error7() const {
-        return std::abs(static_cast<double>(estimator.estimate().dynamics.k7_per_kg_m) / robot.truth().k7 -
+        return std::abs(static_cast<double>(estimator.estimate().dynamics.k7_per_kg_m) / robot.truth().k7 *
+                            (1 - robot.coupling()) -
                         1);
     }
     double error8() const {
-        return std::abs(static_cast<double>(estimator.estimate().dynamics.k8_per_kg_m2) / robot.truth().k8 -
+        return std::abs(static_cast<double>(estimator.estimate().dynamics.k8_per_kg_m2) / robot.truth().k8 *
+                            (1 - robot.coupling()) -
                         1);
     }
 
@@ -130,6 +134,32 @@ TEST(Adaptation, follows_a_payload_within_three_seconds) {
 
 TEST(Adaptation, follows_a_payload_that_brakes_the_robot_when_it_lands) {
     CHECK(count_adapted<double>(20, Drop::momentum_stays, "+30 %, momentum stays") >= 19);
+}
+
+TEST(Adaptation, follows_a_payload_wherever_it_lies_and_learns_k5_again) {
+    constexpr std::array<std::array<double, 2>, 5> kPlaces{
+        {{0, 0}, {0.12, 0}, {-0.1, 0.05}, {0.04, -0.1}, {0, 0.12}}};
+    for (const auto& [ahead_m, left_m] : kPlaces) {
+        for (const double gain_right : {1.0, 0.8}) {  // also where one drive is weak
+            RobotTruth truth;
+            truth.gain_right = gain_right;
+            truth.gain_left = 2 - gain_right;
+            AdaptiveDrive<double> drive(17, truth);
+            const Reference start = figure_eight(0);
+            drive.robot.set_motion(start.v, start.omega);
+            for (int k = 0; k <= 25000; ++k) {
+                if (k == 15000) drive.robot.load_at(0.25, ahead_m, left_m);
+                drive.cycle(figure_eight(k * 1e-3));
+            }
+            const auto& e = drive.estimator.estimate();
+            const double k5 = drive.robot.truth().k5;
+            std::printf(
+                "\n  +25 %% at (%.2f, %.2f), right drive %.1f: K7 %.2f %%, K8 %.2f %%, K5 %.4f of %.4f\n",
+                ahead_m, left_m, gain_right, 100 * drive.error7(), 100 * drive.error8(), e.dynamics.k5_m, k5);
+            CHECK(drive.error7() < 0.01 && drive.error8() < 0.01);
+            DOUBLES_EQUAL(k5, e.dynamics.k5_m, 0.002);
+        }
+    }
 }
 
 TEST(Adaptation, follows_a_payload_in_float) {

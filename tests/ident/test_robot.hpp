@@ -21,6 +21,8 @@ struct RobotTruth {
     double k5 = 0.0413, k6 = -0.0413 * 2 * 6.74245 / (0.32 * 1.40855), k7 = 1.40855, k8 = 6.74245;
     double coulomb_left_Nm = 0.3, coulomb_right_Nm = 0.3;
     double viscous_left = 0, viscous_right = 0;
+    double offset_m = 0;                   // of the centre of gravity, to the left
+    double gain_left = 1, gain_right = 1;  // torque delivered per torque told
     double delay_s = 0.0017, lag_s = 0.001;
     double counts_per_turn = 65536;
     double angle_noise_rad = 0.0002;
@@ -64,7 +66,25 @@ class TestRobot {
         truth_.k7 /= factor;
         truth_.k8 /= factor;
     }
-    // The same, but the payload was at rest: momentum stays.
+    // A payload that is small beside its place, `ahead_m` of the axle and `left_m` of the middle; speeds
+    // stay. Newton-Euler about the middle of the axle: masses, first and second moments add up.
+    void load_at(double share, double ahead_m, double left_m) {
+        const double mass = 1 / (truth_.k7 * truth_.radius_m);
+        const double inertia = truth_.track_m / (2 * truth_.radius_m * truth_.k8);
+        const double load = share * mass;
+        const double loaded = mass + load;
+        const double turning = inertia + load * (ahead_m * ahead_m + left_m * left_m);
+        truth_.k5 = (truth_.k5 * mass + load * ahead_m) / loaded;
+        truth_.offset_m = (truth_.offset_m * mass + load * left_m) / loaded;
+        truth_.k6 = -truth_.k5 * loaded / turning;
+        truth_.k7 = 1 / (loaded * truth_.radius_m);
+        truth_.k8 = truth_.track_m / (2 * truth_.radius_m * turning);
+    }
+    // Of v' that omega' makes, times that of omega' that v' makes.
+    double coupling() const {
+        return truth_.offset_m * truth_.offset_m * 2 * truth_.k8 / (truth_.track_m * truth_.k7);
+    }
+    // As load(), but the payload was at rest: momentum stays.
     void drop_load_at_rest(double factor) {
         load(factor);
         state_[0] /= factor;
@@ -86,12 +106,16 @@ class TestRobot {
         const double left = (s[0] - s[1] * truth_.track_m / 2) / truth_.radius_m;
         const double right = (s[0] + s[1] * truth_.track_m / 2) / truth_.radius_m;
         // dry friction with a steep slope through zero, so that it holds the wheel
-        const double tl = torque.left - truth_.viscous_left * left -
+        const double tl = truth_.gain_left * torque.left - truth_.viscous_left * left -
                           truth_.coulomb_left_Nm * std::clamp(left * 100, -1.0, 1.0);
-        const double tr = torque.right - truth_.viscous_right * right -
+        const double tr = truth_.gain_right * torque.right - truth_.viscous_right * right -
                           truth_.coulomb_right_Nm * std::clamp(right * 100, -1.0, 1.0);
-        return {truth_.k5 * s[1] * s[1] + truth_.k7 * (tr + tl),
-                truth_.k6 * s[0] * s[1] + truth_.k8 * (tr - tl),
+        const double forward = truth_.k5 * s[1] * s[1] + truth_.k7 * (tr + tl);
+        const double turning = truth_.k6 * s[0] * s[1] + truth_.k8 * (tr - tl);
+        const double back = truth_.offset_m * 2 * truth_.k8 / (truth_.track_m * truth_.k7);
+        const double alone = 1 - coupling();
+        return {(forward + truth_.offset_m * turning) / alone,
+                (turning + back * forward) / alone,
                 left,
                 right,
                 s[0] * std::cos(s[6]),

@@ -185,6 +185,16 @@ TEST(ForgettingAndBounds, directional_follows_what_is_excited_and_keeps_the_rest
     DOUBLES_EQUAL(kAfter, rls.theta()[1], 0.03);
 }
 
+TEST(ForgettingAndBounds, rows_that_tell_next_to_nothing_make_nothing_less_known) {
+    UdRls<double, 2> rls;
+    rls.reset({kK6, kBefore}, {0.01, 1.0});
+    rls.set_forgetting(Forgetting::directional, 0.99);
+    for (int k = 0; k < 100000; ++k) rls.update({1e-3 * (k % 2), 1e-3}, 0);
+    CHECK(rls.variance(0) <= 0.01 && rls.variance(1) <= 1.0);
+    spin([&](double a, double b, double y) { rls.update({a, b}, y); });
+    CHECK(rls.variance(0) <= 0.01 && rls.variance(1) <= 1.0);
+}
+
 TEST(ForgettingAndBounds, exponential_forgetting_would_blow_up_what_is_not_excited) {
     UdRls<double, 2> rls;
     rls.reset({kK6, kBefore}, {0.01, 1.0});

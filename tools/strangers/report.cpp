@@ -24,7 +24,8 @@ constexpr double kRippleAim = 0.03;    // its noise, as a share of the step
 constexpr double kFigureEightAim = 0.01;
 constexpr double kAdaptationAim = 0.05;  // K7 and K8, relative, with the load and without
 constexpr double kKnowingShare = 0.95;   // of those that drove adaptively
-constexpr double kAdaptiveRmsAim = 1.1;  // RMS error with a load in adaptive mode over that in trajectory mode
+constexpr double kAdaptiveRmsAim =
+    1.1;  // RMS error with a load in adaptive mode over that in trajectory mode
 constexpr double kPoseNoiseShare = 0.1;  // of the figure-8's aim: as much more is chance
 constexpr double kFaultSpeedAim = 1.5;   // fastest true speed of a rim over that at both limits
 
@@ -290,7 +291,8 @@ std::vector<Aim> aims_of(const std::vector<RobotResult>& results, const RobotsRu
         {"adaptation_known_percent", "says it knows K7 and K8 then", percent(knowing, with_load),
          100 * kKnowingShare, 100, "%", "of those driven with a load; standard errors within 2.5 %"},
         {"adaptation_tracking_percent", "RMS error in adaptive mode as good as without adapting",
-         percent(tracking_load, with_load), 100 * kDrivenShare, 100, "%", "of those driven with a load; at most 1.1 of it, or 0.1 % of the length more"},
+         percent(tracking_load, with_load), 100 * kDrivenShare, 100, "%",
+         "of those driven with a load; at most 1.1 of it, or 0.1 % of the length more"},
     };
 }
 
@@ -406,7 +408,8 @@ Report robot_report(const RobotResult& r) {
     };
     load("loaded", "with it", d.loaded);
     load("unloaded", "without it again", d.unloaded);
-    report.add("load_rms_percent", "RMS error with the payload, trajectory mode", 100 * d.load_rms_share, "%");
+    report.add("load_rms_percent", "RMS error with the payload, trajectory mode", 100 * d.load_rms_share,
+               "%");
     report.add("adaptive_rms_percent", "the same, adaptive mode", 100 * d.adaptive_rms_share, "%",
                "aim " + number_text(110 * d.load_rms_share, 3));
     return report;

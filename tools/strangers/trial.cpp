@@ -15,7 +15,7 @@ constexpr double kStepShareOfLimit = 0.5;  // and of the speed limit at most
 constexpr double kSettledWithin = 0.01;
 constexpr double kRippleInBand = 4;
 constexpr double kKnownError = 0.025;  // a standard error from which on K7 or K8 counts as known
-constexpr double kAdaptation_s = 5;  // after a load comes or goes, at least; and half a lap
+constexpr double kAdaptation_s = 5;    // after a load comes or goes, at least; and half a lap
 
 FourValues four(const model::Dynamics<double>& k) {
     return {k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2};

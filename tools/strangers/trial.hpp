@@ -42,11 +42,11 @@ struct Driving {
     bool tracked = false;  // the figure-8 was driven
     double rms_share = 0;  // RMS distance from the reference, over the figure's length
     double peak_share = 0;
-    double true_rms_share = 0;        // where the robot really is; without an external pose odometry drifts
-    bool adapted = false;             // the adaptive mode was driven to the end
-    LoadJudged loaded, unloaded;      // some seconds after the payload came, and after it went
-    double load_rms_share = 0;        // as rms_share, while the payload comes and goes: trajectory mode
-    double adaptive_rms_share = 0;    // the same, adaptive mode
+    double true_rms_share = 0;      // where the robot really is; without an external pose odometry drifts
+    bool adapted = false;           // the adaptive mode was driven to the end
+    LoadJudged loaded, unloaded;    // some seconds after the payload came, and after it went
+    double load_rms_share = 0;      // as rms_share, while the payload comes and goes: trajectory mode
+    double adaptive_rms_share = 0;  // the same, adaptive mode
     double adaptation_error() const { return std::max(loaded.worst_error(), unloaded.worst_error()); }
 };
 
