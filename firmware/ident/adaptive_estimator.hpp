@@ -123,9 +123,9 @@ class AdaptiveEstimator {
         rls_.reset(theta, variance, size_);
         const Real lambda = 1 - std::min(Real(0.5), interval_s / options.memory_s);
         rls_.set_forgetting(Forgetting::directional, lambda);
-        for (std::size_t i = 0; i < size(); ++i) {
-            const Real least = i == kMass || i == kInertia ? kAlertness * theta[i] : Real(0);
-            rls_.set_bounds(static_cast<int>(i), least * least, ceiling[i]);
+        for (const std::size_t i : {kMass, kInertia}) {
+            const Real least = kAlertness * theta[i];
+            rls_.set_bounds(static_cast<int>(i), least * least);
         }
         monitor_.reset(lambda, ceiling, size_);
         window_rows_ = std::max(2 * kFewestRows, static_cast<int>(options.memory_s / interval_s));
@@ -156,14 +156,15 @@ class AdaptiveEstimator {
     void restart() { filter_.restart(); }
 
     // Once in each cycle. True when estimate() has become new. `busy`: the cycle has other work to do, so a
-    // row's may wait, for one cycle at a time.
+    // row's waits if it will be done before the next row all the same.
     bool push(const IdentSample<Real>& sample, bool busy = false) {
         if (filter_.push(sample)) {
             begin_row();
+            cycles_left_ = filter_.block_samples();
             return false;
         }
-        waited_ = busy && !waited_;
-        if (waited_) return false;
+        --cycles_left_;
+        if (busy && cycles_left_ > kSteps) return false;
         switch (work_) {
             case Work::none:
                 return false;
@@ -171,8 +172,14 @@ class AdaptiveEstimator {
                 doubt(doubtful_++);
                 work_ = doubtful_ < kLoad ? Work::doubt : Work::none;
                 return false;
-            case Work::instrument:
-                find_instrument();
+            case Work::linear_instrument:
+                linear_row();
+                instrument_.v_m_per_s2 = instrument(row_[0], kMass);
+                work_ = Work::turning_instrument;
+                return false;
+            case Work::turning_instrument:
+                turning_row();
+                instrument_.omega_rad_per_s2 = instrument(row_[1], kInertia);
                 work_ = Work::linear;
                 return false;
             case Work::linear:
@@ -202,6 +209,10 @@ class AdaptiveEstimator {
                 return false;
             case Work::monitor_turning:
                 monitor_.push(row_[1].phi);
+                work_ = Work::monitor_settles;
+                return false;
+            case Work::monitor_settles:
+                monitor_.settle();
                 work_ = Work::watch;
                 return false;
             case Work::watch:
@@ -234,6 +245,7 @@ class AdaptiveEstimator {
     static constexpr std::size_t kMass = 0, kInertia = 1, kAhead = 2, kLeft = 3, kLoad = 4, kMismatch = 4;
     static constexpr std::size_t kFixed = 5;
     static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
+    static constexpr int kSteps = 12;      // cycles that a row's work takes, with a doubt
     static constexpr int kWindowRows = 3;  // rows that one event can touch
     static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
@@ -253,13 +265,15 @@ class AdaptiveEstimator {
     enum class Work : std::uint8_t {
         none,
         doubt,
-        instrument,
+        linear_instrument,
+        turning_instrument,
         linear,
         learn_linear,
         turning,
         learn_turning,
         monitor_linear,
         monitor_turning,
+        monitor_settles,
         watch,
         publish
     };
@@ -299,7 +313,7 @@ class AdaptiveEstimator {
             ++estimate_.masked_rows;
             if (--hold_rows_ == 0) begin_doubt();
         } else {
-            work_ = Work::instrument;
+            work_ = Work::linear_instrument;
         }
     }
 
@@ -344,12 +358,6 @@ class AdaptiveEstimator {
     // A residual is what the measured acceleration lacks of the expected one, as torque. The expected one is
     // worth more where the estimate is surer than the measurement. One that noise could have made is none: in
     // a closed loop the torque answers to that noise.
-    void find_instrument() {
-        linear_row();
-        instrument_.v_m_per_s2 = instrument(row_[0], kMass);
-        turning_row();
-        instrument_.omega_rad_per_s2 = instrument(row_[1], kInertia);
-    }
     Real instrument(Row& row, std::size_t i) {
         const Real moving = rls_.theta()[i] * row.phi[i];
         row.moving_power += (moving * moving - row.moving_power) / kNoiseRows;
@@ -515,7 +523,7 @@ class AdaptiveEstimator {
     bool was_quiet_ = true;     // a whole window without a change since the last one
     std::size_t doubtful_ = 0;  // of the load's parameters: the next one to be doubted
     Work work_ = Work::none;
-    bool waited_ = false;
+    int cycles_left_ = 0;  // until the next row
     DynamicsEstimate<Real> estimate_{};
 };
 

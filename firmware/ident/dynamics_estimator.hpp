@@ -236,6 +236,7 @@ class DynamicsEstimator {
         std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
         equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
+        equation.monitor.settle();
         equation.run_residual += innovation;
         equation.run_motion += y;
         if (++equation.run == kRunRows) {

@@ -25,6 +25,7 @@ class ExcitationMonitor {
         ceiling_ = ceiling;
         window_.reset(Vector{}, ceiling, size);
         window_.set_forgetting(Forgetting::exponential, lambda);
+        window_.keep_bounds_apart();
         for (int i = 0; i < size; ++i) window_.set_bounds(i, 0, ceiling[static_cast<std::size_t>(i)]);
     }
 
@@ -33,6 +34,8 @@ class ExcitationMonitor {
         Vector unused;
         window_.update_gain(phi, unused);
     }
+    // After one or two rows, before the next question. Costs about as much.
+    void settle() { window_.keep_bounds(); }
 
     // Per unit of noise variance; 0 when the window says nothing about parameter i.
     Real information(int i) const {

@@ -30,6 +30,7 @@ template <typename Real, int N, bool kVariableSize = false>
 class UdRls {
   public:
     using Vector = std::array<Real, N>;
+    static constexpr Real kUnbounded = std::numeric_limits<Real>::max();
 
     // Starts from `theta` with independent variances `variance` (>= 0; P(-1) = c I of Algorithm 1 is
     // fill(c)). Bounds and forgetting stay as they are.
@@ -49,10 +50,23 @@ class UdRls {
 
     // Keeps lower <= variance(i) <= upper from the next update on. The upper bound enters as a measurement
     // "theta_i is what it is", the lower one through D; both keep P factorised and positive.
-    void set_bounds(int i, Real lower, Real upper) {
+    void set_bounds(int i, Real lower, Real upper = kUnbounded) {
         lower_[index(i)] = lower;
         upper_[index(i)] = upper;
         bounded_ = true;
+    }
+
+    // Leaves keep_bounds() to the caller, who may do it in another cycle: it costs about as much as an
+    // update.
+    void keep_bounds_apart() { bounds_apart_ = true; }
+    void keep_bounds() {
+        for (int i = 0; i < size(); ++i) d_[index(i)] = std::max(d_[index(i)], lower_[index(i)]);
+        for (int i = 0; i < size(); ++i) {
+            if (upper_[index(i)] == kUnbounded) continue;
+            const Real now = variance(i);
+            if (now > upper_[index(i)]) [[unlikely]]
+                pull_down(i, now);
+        }
     }
 
     // Eq (32)-(35). Returns the innovation y - phi^T theta.
@@ -101,7 +115,7 @@ class UdRls {
             weight = zeta > kNoPower ? std::max(Real(0), lambda_ - (1 - lambda_) / zeta) : Real(0);
         }
         rank_one(p.f, p.v, weight, grow, gain);
-        if (bounded_) keep_bounds();
+        if (bounded_ && !bounds_apart_) keep_bounds();
         return 1 / denominator;
     }
 
@@ -190,15 +204,6 @@ class UdRls {
         }
     }
 
-    void keep_bounds() {
-        for (int i = 0; i < size(); ++i) d_[index(i)] = std::max(d_[index(i)], lower_[index(i)]);
-        for (int i = 0; i < size(); ++i) {
-            const Real now = variance(i);
-            if (now > upper_[index(i)]) [[unlikely]]
-                pull_down(i, now);
-        }
-    }
-
     // A measurement of parameter i that leaves it the variance upper_[i] and does not move theta.
     void pull_down(int i, Real now) {
         Vector phi{};
@@ -220,12 +225,13 @@ class UdRls {
     Vector d_{};
     std::array<Real, N*(N - 1) / 2 + (N == 1)> u_{};
     Vector lower_{};
-    Vector upper_ = filled(std::numeric_limits<Real>::max());
+    Vector upper_ = filled(kUnbounded);
     Real lambda_ = 1;
     Real inverse_lambda_ = 1;
     int size_ = N;
     Forgetting forgetting_ = Forgetting::none;
     bool bounded_ = false;
+    bool bounds_apart_ = false;
 };
 
 }  // namespace wheelwright::ident
