@@ -26,9 +26,10 @@
 // from what was measured and from what the model expects, each by what it is worth; only the residual has the
 // measured ones (an instrumental variable: Soderstrom and Stoica 1983).
 //
-// Directional forgetting with the memory `memory_s`, and none at all of what a row hardly tells: where
-// nothing excites a parameter, it stays. Rows with slip, saturation in the drive, or a standing wheel are
-// masked. `minimum_excitation` (excitation_monitor.hpp) is for frozen() only.
+// Directional forgetting with the memory `memory_s`. A row that tells less than would be forgotten for it is
+// not learned from: where nothing excites a parameter it stays, however long; one held alone would leave the
+// others wrong that go with it. Rows with slip, saturation in the drive, or a standing wheel are masked.
+// `minimum_excitation` (excitation_monitor.hpp) is for frozen(), and for believing sums of innovations.
 //
 // Noise: rows are weighed by the power of their own innovations, of single rows or of sums over kRunRows,
 // whichever is larger (the second is what a model that is not complete leaves), and at least by kBestModel of
@@ -121,7 +122,8 @@ class AdaptiveEstimator {
             ceiling[i] = std::max(widest * widest, kTinyVariance);
         }
         rls_.reset(theta, variance, size_);
-        const Real lambda = 1 - std::min(Real(0.5), interval_s / options.memory_s);
+        forgotten_ = std::min(Real(0.5), interval_s / options.memory_s);
+        const Real lambda = 1 - forgotten_;
         rls_.set_forgetting(Forgetting::directional, lambda);
         for (const std::size_t i : {kMass, kInertia}) {
             const Real least = kAlertness * theta[i];
@@ -390,7 +392,8 @@ class AdaptiveEstimator {
             return false;
         }
         const Real gate = options_.gate_sigma * options_.gate_sigma;
-        if (square > gate || window_shows_change(row)) {
+        const bool excited = excited_[kMass] || excited_[kInertia];
+        if (square > gate || (excited && window_shows_change(row))) {
             hold_rows_ = kWindowRows;
             // twice, with no quiet window between: rather the noise is larger than it was thought to be
             if (!was_quiet_) row.power = 2 * noise(row);
@@ -405,7 +408,7 @@ class AdaptiveEstimator {
             quiet.slow_squares += quiet.sum * quiet.sum / kRunRows;
             quiet.sum = 0;
         }
-        return true;
+        return row.projection.variance > forgotten_;
     }
 
     bool window_shows_change(const Row& row) {
@@ -516,6 +519,7 @@ class AdaptiveEstimator {
     Vector held_{};
     std::array<bool, kSize> excited_{};
     Real track_m_{}, per_track_{};
+    Real forgotten_{};  // by each row
     int columns_ = 0;
     int size_ = static_cast<int>(kFixed);
     int window_rows_ = 1;  // of each equation
