@@ -209,10 +209,10 @@ void drive_modes(Visit& visit) {
 
 void adapt(Visit& visit, Tour& tour) {
     visit.enter(Mode::adaptive);
-    visit.run(3000);
+    visit.run(8000);
     const double before = visit.rig().cycle().control().plant().dynamics.k7_per_kg_m;
     tools::drop_payload(visit.world(), 0.3);
-    visit.run(4000);
+    visit.run(5000);
     visit.rig().miss(1);
     visit.run(200);
     tour.adapted = visit.rig().cycle().control().plant().dynamics.k7_per_kg_m < 0.9 * before;
