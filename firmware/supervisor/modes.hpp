@@ -97,6 +97,7 @@ struct EntryRule {
 inline constexpr std::array kEntryRules{
     EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
     EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},
+    EntryRule{kDriving, &Conditions::drive_error, false, Blocker::drive_error},
     EntryRule{bit(Mode::ident), &Conditions::moving, false, Blocker::robot_moving},
     EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
               &Conditions::model_known, true, Blocker::not_identified},

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "firmware/task/ident_quantities.hpp"
+
 namespace wheelwright::task {
 namespace {
 
@@ -241,8 +243,10 @@ void Cycle::obey() {
     supervisor_.start();
     const HostEvents& events = host_.events();
     if (events.ident) ident_settings_ = *events.ident;
-    if (events.trajectory) control_.select_trajectory(*events.trajectory);
-    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none) {
+    const bool on_path = supervisor_.mode() == Mode::trajectory || supervisor_.mode() == Mode::adaptive;
+    if (events.trajectory && !on_path) control_.select_trajectory(*events.trajectory);
+    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none &&
+        !supervisor_.wants_armed()) {
         ports_.left.request_clear_errors();
         ports_.right.request_clear_errors();
     }
@@ -493,7 +497,23 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             break;
         case ReportPart::ident:
             r.ident = learning_.status();
+            r.ident_quantities =
+                ident_quantities(learning_.run().sizing(), learning_.run().probe().findings());
             break;
+        case ReportPart::drives:
+            r.drive_generation = static_cast<std::uint8_t>(parameters_.drive.generation);
+            r.drive_error_bits = {ports_.left.feedback().error_bits, ports_.right.feedback().error_bits};
+            break;
+        case ReportPart::pace: {
+            const control::PathPace<double>& pace = control_.pace();
+            r.pace_known = conditions_.model_known && !pace.running();
+            r.pace.shape = static_cast<protocol::TrajectoryShape>(pace.asked().kind);
+            r.pace.limited_by = static_cast<protocol::PaceLimit>(pace.limited_by());
+            r.pace.asked_period_s = pace.asked().period_s;
+            r.pace.period_s = pace.path().period_s;
+            if (control_.streamed()) r.pace = {.shape = protocol::TrajectoryShape::streamed};
+            break;
+        }
         case ReportPart::timing:
             r.timing.wake_latency_last_us = microseconds(time_.wake_latency_ns());
             r.timing.wake_latency_max_us = microseconds(longest_wake_ns_);

@@ -56,6 +56,7 @@ struct PathSample {
 struct TrackingOptions {
     protocol::Mode mode = protocol::Mode::trajectory;
     control::PathSettings<double> path;
+    // At the pace that the path asks for; longer by as much as the firmware drives it slower.
     double duration_s = 42;
     double judge_from_s = 12;
     bool external_poses = true;                             // after the first one, which tells the start
@@ -63,6 +64,7 @@ struct TrackingOptions {
 };
 struct TrackingResult {
     bool entered = false;
+    protocol::TrajectoryPace pace;  // as the firmware says it
     double rms_m = 0, peak_m = 0;
     double largest_torque_Nm = 0;
     std::vector<PathSample> samples;  // a hundred a second
