@@ -125,9 +125,9 @@ const std::array kTable{
     WW_REAL(0x00D8, pose_control.acceleration_m_per_s2, "m/s^2", 2.0, 0.01, 200.0, idle, "largest rate of change of the speed towards a pose goal"),
     WW_REAL(0x00D9, pose_control.yaw_acceleration_rad_per_s2, "rad/s^2", 12.0, 0.01, 2000.0, idle, "largest rate of change of the yaw rate towards a pose goal"),
 
-    WW_REAL(0x00E0, trajectory.along_gain_per_s, "1/s", 3.0, 0.05, 20.0, idle, "gain on the error along the path"),
-    WW_REAL(0x00E1, trajectory.across_gain_per_m2, "1/m^2", 9.0, 0.05, 100.0, idle, "gain on the error across the path, per distance driven"),
-    WW_REAL(0x00E2, trajectory.heading_gain_per_m, "1/m", 5.0, 0.05, 50.0, idle, "gain on the heading error, per distance driven"),
+    WW_REAL(0x00E0, trajectory.along_gain_per_s, "1/s", 0.0, 0.05, 20.0, idle, "gain on the error along the path; auto: as fast as torque and limits can bring the robot back to rest beside the path"),
+    WW_REAL(0x00E1, trajectory.across_gain_per_m2, "1/m^2", 0.0, 0.05, 1000.0, idle, "gain on the error across the path, per distance driven; auto: back on the path within some tracks, or what the yaw acceleration allows"),
+    WW_REAL(0x00E2, trajectory.heading_gain_per_m, "1/m", 0.0, 0.05, 200.0, idle, "gain on the heading error, per distance driven; auto: 5/3 of the root of the gain across"),
     WW_REAL(0x00E3, trajectory.length_m, "m", 3.0, 0.1, 60.0, idle, "length of the standard figure-8"),
     WW_REAL(0x00E4, trajectory.width_m, "m", 1.5, 0.1, 60.0, idle, "width of the standard figure-8"),
     WW_REAL(0x00E5, trajectory.period_s, "s", 10.0, 1.0, 600.0, idle, "time for one lap of the standard figure-8"),

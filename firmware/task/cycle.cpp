@@ -497,6 +497,8 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             break;
         case ReportPart::ident:
             r.ident = learning_.status();
+            break;
+        case ReportPart::ident_sizing:
             r.ident_quantities =
                 ident_quantities(learning_.run().sizing(), learning_.run().probe().findings());
             break;

@@ -57,7 +57,7 @@ void MotionControl::step_pace() { pace_.step(plant_, pace_limits_); }
 
 void MotionControl::step_design() {
     if (design_.status() != control::DesignStatus::running) {
-        for (int i = 0; i < kPacePoints; ++i) step_pace();
+        for (int i = 0; i < kPacePoints && pace_.running(); ++i) step_pace();
         return;
     }
     design_.step();

@@ -46,8 +46,9 @@ ReportPart part_of(std::uint32_t id) {
         case protocol::EffectStandardError::id:
             return ReportPart::effects;
         case protocol::IdentStatus::id:
-        case protocol::IdentSizing::id:
             return ReportPart::ident;
+        case protocol::IdentSizing::id:
+            return ReportPart::ident_sizing;
         case protocol::DriveError::id:
             return ReportPart::drives;
         case protocol::TrajectoryPace::id:

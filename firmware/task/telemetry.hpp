@@ -31,7 +31,8 @@ enum class ReportPart : std::uint8_t {
     motion,  // wheels, pose, twist, reference, tracking error
     estimate,
     effects,
-    ident,  // and what it has found and chosen
+    ident,
+    ident_sizing,
     drives,
     pace,
     timing,
@@ -39,7 +40,7 @@ enum class ReportPart : std::uint8_t {
     design,
     counters,
 };
-inline constexpr std::size_t kReportParts = 11;
+inline constexpr std::size_t kReportParts = 12;
 
 struct CycleReport {
     protocol::Status status;

@@ -141,7 +141,7 @@ TEST(PathPace, what_limits_is_named) {
     std::mt19937_64 random(12);
     Drawn drawn = draw(random, PathKind::figure_eight);
     drawn.path = {PathKind::figure_eight, 3, 1.5, 100, 0, {}};
-    drawn.limits.tracking = {3, 9, 5, 1, 1, 1, 10, 10};
+    drawn.limits.tracking = {3, 9, 5, 1, 0.05, 0.1, 1, 1, 10, 10};
     drawn.limits.torque_Nm = 1e6;
     drawn.limits.acceleration_by = PaceLimit::acceleration;
     drawn.limits.yaw_acceleration_by = PaceLimit::yaw_acceleration;
@@ -158,7 +158,7 @@ TEST(PathPace, what_limits_is_named) {
           PaceLimit::yaw_acceleration);
     CHECK(by([](Drawn& d) {
               d.path.period_s = 0.5;
-              d.limits.tracking = {3, 9, 5, 1, 100, 100, 1000, 1000};
+              d.limits.tracking = {3, 9, 5, 1, 0.05, 0.1, 100, 100, 1000, 1000};
               d.limits.torque_Nm = 2 * d.plant.effects.parameter[model::find_effect("coulomb_friction")][1];
           }) == PaceLimit::torque);
 }

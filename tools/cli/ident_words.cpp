@@ -172,7 +172,8 @@ std::vector<std::string> IdentLayout::sentences() const {
     add("found: the wheels move at " + number(left_breakaway) + " Nm (left) and " + number(right_breakaway) +
         " Nm (right) and rub with " + number(friction) + " Nm; K7 about " + number(rough_k7) +
         " 1/(kg m), K8 about " + number(rough_k8) + " 1/(kg m^2); " + number(delivered_torque) +
-        " Nm delivered when tried; angle noise " + number(angle_noise, 1e3) + " mrad");
+        " Nm delivered when tried, and reported as " + number(report_ratio) + " of it; angle noise " +
+        number(angle_noise, 1e3) + " mrad");
     add("chosen: " + number(amplitude) + " Nm in bits of " + number(bit_time, 1e3) + " ms, averaged over " +
         number(kernel, 1e3) + " ms, up to " + number(speed_limit) + " m/s and " + number(yaw_rate_limit) +
         " rad/s; K5 to be known to " + number(coupling_standard_error, 1e3) + " mm");
