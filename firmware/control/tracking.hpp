@@ -46,21 +46,14 @@ struct TrackingSettings {
     Real yaw_acceleration_rad_per_s2{};
 };
 
-// Settings from the robot file. Accelerations are also kept within what the torque limit can give: half of it
-// for speed and half for yaw, so that both can be had at once.
-//
-// Gains that it leaves at "auto": the robot comes back to the path within the length l, as e'' + 5/3 e'/l +
-// e/l^2 = 0 over the distance driven (damping 5/6). That is its track; longer where the yaw acceleration that
-// a steering angle asks for, some v^2 / l^2 at the speed v, would be more than the robot has. Along the path
-// a quarter of the acceleration brings it back to rest from an error of l.
+// Settings from the robot file. Gains that it leaves at "auto": the robot comes back to the path within the
+// length l, as e'' + 5/3 e'/l + e/l^2 = 0 over the distance driven (damping 5/6). That is its track; longer
+// where the yaw acceleration that a steering angle asks for, some v^2 / l^2 at the speed v, would be more
+// than the robot has. Along the path a quarter of the acceleration brings it back to rest from an error of l.
 template <typename Real>
 TrackingSettings<Real> tracking_settings(const model::RobotParameters& from) {
     const auto& t = from.trajectory;
-    const double torque = from.limits.torque_Nm;
-    const double acceleration =
-        std::min(from.limits.acceleration_m_per_s2, from.dynamics.k7_per_kg_m * torque);
-    const double yaw_acceleration =
-        std::min(from.limits.yaw_acceleration_rad_per_s2, from.dynamics.k8_per_kg_m2 * torque);
+    const auto [acceleration, yaw_acceleration] = usual_acceleration(from);
     const double speed = from.limits.speed_m_per_s;
     const double track = from.geometry.track_m;
     const double length = std::max(track, kSteeringShare * speed / std::sqrt(yaw_acceleration));

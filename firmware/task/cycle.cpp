@@ -33,8 +33,18 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
                     ramps(p.safety.terminate_reaction)};
     // The drives report their own time-out first; this is the limit if they report nothing.
     config.arming_limit_cycles = static_cast<std::int32_t>(1.5 * p.drive.arming_timeout_s / kCyclePeriod_s);
-    config.ramp_limit_cycles = static_cast<std::int32_t>(p.safety.ramp_timeout_s / kCyclePeriod_s);
     return config;
+}
+
+// "auto": twice the time in which half of the torque brakes the robot from its limits, which may be short of
+// what friction adds to it, and half a second for the loops and until it is seen to stand.
+std::int32_t ramp_limit_cycles(const model::RobotParameters& p) {
+    const auto [acceleration, yaw_acceleration] = control::usual_acceleration(p);
+    const double braking_s =
+        std::max(p.limits.speed_m_per_s / acceleration, p.limits.yaw_rate_rad_per_s / yaw_acceleration);
+    const double limit_s =
+        p.safety.ramp_timeout_s > 0 ? p.safety.ramp_timeout_s : std::min(2 * braking_s + 0.5, 60.0);
+    return static_cast<std::int32_t>(limit_s / kCyclePeriod_s);
 }
 
 // An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
@@ -88,6 +98,8 @@ void Cycle::configure() {
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
     odometry_.configure(control::odometry_settings<double>(parameters_));
     effects_measured_ = effects_measured(parameters_);
+    slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters_);
+    supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
     conditions_.model_known = model_known(parameters_);
     sample_age_ns_ = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
     ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
@@ -146,7 +158,7 @@ void Cycle::observe() {
     if (host_.events().external_pose) {
         odometry_.fuse(host_.external_pose.value);
         slip_.compare(host_.external_pose.value.heading_rad, odometry_.bare_pose().heading_rad,
-                      time_.scheduled_ns, parameters_.adaptation.slip_yaw_rate_rad_per_s);
+                      time_.scheduled_ns, slip_limit_rad_per_s_);
     }
 
     angles_known_ =

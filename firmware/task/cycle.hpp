@@ -149,6 +149,7 @@ class Cycle {
     MotionOutput output_;
     WheelPair<double> sent_torque_Nm_;
     bool effects_measured_ = false;
+    double slip_limit_rad_per_s_ = 0;
     bool angles_known_ = false;
     std::int64_t sample_age_ns_ = 0;
     bool was_armed_ = false;

@@ -131,8 +131,9 @@ void check_limits(const model::RobotParameters& p, Diagnostics& diagnostics) {
     above(diagnostics, over_speed, {"ident.speed_limit_m_per_s", p.ident.speed_limit_m_per_s}, "m/s");
     above(diagnostics, over_yaw_rate, {"ident.yaw_rate_limit_rad_per_s", p.ident.yaw_rate_limit_rad_per_s},
           "rad/s");
-    above(diagnostics, {"pose_control.rearm_radius_m", p.pose_control.rearm_radius_m},
-          {"pose_control.stop_radius_m", p.pose_control.stop_radius_m}, "m");
+    if (p.pose_control.rearm_radius_m > 0 && p.pose_control.stop_radius_m > 0)
+        above(diagnostics, {"pose_control.rearm_radius_m", p.pose_control.rearm_radius_m},
+              {"pose_control.stop_radius_m", p.pose_control.stop_radius_m}, "m");
 }
 
 void check_lines(const RobotFile& robot, Diagnostics& diagnostics) {

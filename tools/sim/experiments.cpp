@@ -180,7 +180,7 @@ TrackingResult track(Simulation& sim, const TrackingOptions& options, const Prog
 }
 
 GoalResult drive_to(Simulation& sim, const Pose<double>& goal, protocol::PoseDirection direction,
-                    double at_most_s) {
+                    double at_most_s, double tolerance_m) {
     GoalResult result;
     sim.host().goal(goal, direction);
     if (!enter_mode(sim, protocol::Mode::pose)) return result;
@@ -196,7 +196,7 @@ GoalResult drive_to(Simulation& sim, const Pose<double>& goal, protocol::PoseDir
             const double change =
                 std::max(std::abs(torque.left - last.left), std::abs(torque.right - last.right));
             last = torque;
-            const bool there = result.distance_m <= 0.01 &&
+            const bool there = result.distance_m <= tolerance_m &&
                                std::abs(result.heading_error_rad) <= std::numbers::pi / 180 &&
                                sim.cycle().report().status.goal_reached;
             if (!there) {

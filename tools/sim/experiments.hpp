@@ -72,14 +72,14 @@ struct TrackingResult {
 TrackingResult track(Simulation& sim, const TrackingOptions& options, const Progress& progress = {});
 
 struct GoalResult {
-    bool reached = false;   // within 1 cm and 1 degree by the truth, and held for 2 s, within the time
+    bool reached = false;   // within the tolerance and 1 degree by the truth, held for 2 s, within the time
     double time_s = 0;      // until it was there for good
     double distance_m = 0;  // at the end
     double heading_error_rad = 0;
     double quiet_torque_Nm = 0;  // largest change of torque between cycles while holding
 };
 GoalResult drive_to(Simulation& sim, const Pose<double>& goal, protocol::PoseDirection direction,
-                    double at_most_s = 60);
+                    double at_most_s = 60, double tolerance_m = 0.01);
 
 // The +share payload of the issue: mass and inertia grow together, the centre of gravity stays.
 void drop_payload(sim::World& world, double share);
