@@ -245,4 +245,10 @@ ChangeWhen changeable(std::uint16_t index) {
     return effect_slot(index).known ? idle : start;
 }
 
+bool dynamics_known(const RobotParameters& p) {
+    const Dynamics<double> standard = default_parameters().dynamics;
+    return p.dynamics.k7_per_kg_m != standard.k7_per_kg_m ||
+           p.dynamics.k8_per_kg_m2 != standard.k8_per_kg_m2 || p.dynamics_standard_error.k7_per_kg_m > 0;
+}
+
 }  // namespace wheelwright::model

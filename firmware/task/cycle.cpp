@@ -62,13 +62,6 @@ bool effects_measured(const model::RobotParameters& p) {
     return measured;
 }
 
-// K7 and K8 are the table's defaults: nobody has given, measured or weighed them.
-bool model_known(const model::RobotParameters& p) {
-    const model::Dynamics<double> standard = model::default_parameters().dynamics;
-    return p.dynamics.k7_per_kg_m != standard.k7_per_kg_m ||
-           p.dynamics.k8_per_kg_m2 != standard.k8_per_kg_m2 || p.dynamics_standard_error.k7_per_kg_m > 0;
-}
-
 double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
 
 std::uint16_t narrow(std::uint64_t value) {
@@ -100,7 +93,7 @@ void Cycle::configure() {
     effects_measured_ = effects_measured(parameters_);
     slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters_);
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
-    conditions_.model_known = model_known(parameters_);
+    conditions_.model_known = model::dynamics_known(parameters_);
     sample_age_ns_ = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
     ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
     ports_.right.set_torque_scale(parameters_.drive.right.torque_scale);
