@@ -1,5 +1,6 @@
 #include "drivers/odrive/odrive_drive.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "drivers/odrive/odrive_0_5_messages.hpp"
@@ -426,7 +427,7 @@ bool OdriveDrive::step_is_done() const {
             return feedback_.heartbeat_time_ns > step_since_ns_ && axis_state_ == kIdle;
         case Wait::fresh_heartbeats:
             return feedback_.heartbeat_time_ns > step_since_ns_ + kSettle_ns &&
-                   now_ns_ > step_since_ns_ + heartbeat_timeout_ns_;
+                   now_ns_ > step_since_ns_ + std::min(heartbeat_timeout_ns_, arming_timeout_ns_ / 2);
         case Wait::watchdog_reply:
             return watchdog_answered_ && watchdog_on_;
         case Wait::closed_loop:

@@ -1,13 +1,14 @@
 // Motor drive: ODrive over CANSimple, firmware generations 0.5 and 0.6. One object is one axis.
 //
 // Arming, one step in each cycle, then zero torque in every cycle until armed (which feeds the watchdog):
-//   idle if the axis is not,
-//   0.5: Set_Input_Torque(0) for the heartbeat's time-out and until a younger heartbeat has come: fed now,
-//   its watchdog expires no more, and Clear_Errors, which clears both axes of such a board, finds no error of
-//   the other axis that nobody has seen (that axis' heartbeat has ended the arming), Clear_Errors if the
-//   watchdog's error is reported, Set_Controller_Mode(torque, passthrough), Set_Input_Torque(0), 0.6 with a
-//   known endpoint: read enable_watchdog and go on only when the drive says it is on, Set_Axis_State(closed
-//   loop), and a heartbeat younger than that request that shows closed loop, no error.
+// - idle if the axis is not;
+// - 0.5: Set_Input_Torque(0) for the heartbeat's time-out, or half of the arming's if that is shorter, and
+//   until a younger heartbeat has come. Fed now, the watchdog expires no more; and Clear_Errors, which clears
+//   both axes of such a board, finds no error that nobody has seen;
+// - Clear_Errors if the watchdog's error is reported;
+// - Set_Controller_Mode(torque, passthrough), Set_Input_Torque(0);
+// - 0.6 with a known endpoint: read enable_watchdog, and go on only when the drive says it is on;
+// - Set_Axis_State(closed loop), and a heartbeat younger than that request that shows closed loop, no error.
 // Arming is refused at once when the watchdog can neither be read (0.6, endpoint known) nor is vouched for
 // (watchdog_assured). Where the drive can be read, its answer decides.
 // Arming is refused, and nothing cleared, when the drive reports any other error than the watchdog's: only

@@ -117,8 +117,6 @@ void check_drives(const model::RobotParameters& p, Diagnostics& diagnostics) {
     }
     above(diagnostics, {"drive.heartbeat_timeout_s", p.drive.heartbeat_timeout_s},
           {"drive.heartbeat_period_ms", p.drive.heartbeat_period_ms * 1e-3}, "s");
-    above(diagnostics, {"drive.arming_timeout_s", p.drive.arming_timeout_s},
-          {"drive.heartbeat_timeout_s", p.drive.heartbeat_timeout_s}, "s");
     above(diagnostics, {"safety.stale_feedback_s", p.safety.stale_feedback_s},
           {"drive.encoder_period_ms", p.drive.encoder_period_ms * 1e-3}, "s");
 }
