@@ -86,6 +86,13 @@ inline TwistRate<double> usual_acceleration(const model::RobotParameters& from) 
                      from.dynamics.k8_per_kg_m2 * from.limits.torque_Nm)};
 }
 
+// In which they bring the robot to rest from its limits of speed and yaw rate.
+inline double braking_time_s(const model::RobotParameters& from) {
+    const auto [acceleration, yaw_acceleration] = usual_acceleration(from);
+    return std::max(from.limits.speed_m_per_s / acceleration,
+                    from.limits.yaw_rate_rad_per_s / yaw_acceleration);
+}
+
 // Moves a commanded twist towards a target no faster than two accelerations allow. Speed and yaw rate move
 // by the same share of their ways, so a target of the same curvature is reached without leaving the path.
 // The result lies between the last command and the target on both axes, whatever their signs.

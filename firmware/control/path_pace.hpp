@@ -94,6 +94,7 @@ class PathPace {
         return path;
     }
     const PathSettings<Real>& asked() const { return asked_; }
+    Real period_s() const { return asked_.period_s * stretch_; }
     PaceLimit limited_by() const { return by_; }
 
   private:

@@ -73,7 +73,8 @@ void Supervisor::step(const Conditions& now) {
                            : now.drive_error       ? Blocker::drive_error
                                                    : Blocker::drives_not_armed;
                 stop(Fault::arming_refused, false);
-            } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself) {
+            } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself &&
+                       (now.path_known || (bit(requested_) & kPathModes) == 0)) {
                 enter(requested_);
             }
             break;

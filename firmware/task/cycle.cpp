@@ -36,14 +36,9 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
     return config;
 }
 
-// "auto": twice the time in which half of the torque brakes the robot from its limits, which may be short of
-// what friction adds to it, and half a second for the loops and until it is seen to stand.
 std::int32_t ramp_limit_cycles(const model::RobotParameters& p) {
-    const auto [acceleration, yaw_acceleration] = control::usual_acceleration(p);
-    const double braking_s =
-        std::max(p.limits.speed_m_per_s / acceleration, p.limits.yaw_rate_rad_per_s / yaw_acceleration);
-    const double limit_s =
-        p.safety.ramp_timeout_s > 0 ? p.safety.ramp_timeout_s : std::min(2 * braking_s + 0.5, 60.0);
+    const double auto_s = std::min(2 * control::braking_time_s(p) + 0.5, 60.0);
+    const double limit_s = p.safety.ramp_timeout_s > 0 ? p.safety.ramp_timeout_s : auto_s;
     return static_cast<std::int32_t>(limit_s / kCyclePeriod_s);
 }
 
@@ -209,6 +204,7 @@ void Cycle::judge_conditions() {
     const bool left_by_itself = either_failed(drivers::DriveFault::left_armed);
     c.drive_error = either(DriveState::fault) && !left_by_itself;
     c.drive_silent = either(DriveState::silent);
+    c.path_known = !control_.pace().running();
     c.drives_armed = left_state == DriveState::armed && right_state == DriveState::armed;
     c.drive_disarmed_itself = left_by_itself || (was_armed_ && drives_wanted_ && !c.drives_armed);
     was_armed_ = c.drives_armed;
@@ -403,14 +399,23 @@ WheelPair<double> Cycle::identify(const MotionInputs& now) {
 }
 
 void Cycle::learn() {
-    if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) return;
+    const bool waited = adapted_since_ > 0;
+    long_cycle_ = false;
+    if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) {
+        adapted_since_ = 0;
+        return;
+    }
     const bool saturated = output_.limits.has(control::Limiter::torque_sum) ||
                            output_.limits.has(control::Limiter::torque_difference);
-    const bool busy = host_.events().external_pose;  // fusing it is the other long calculation
-    const bool slipping = slip_.slipping(time_.scheduled_ns);
-    if (learning_.adapt(sample_, !saturated && !slipping, busy)) {
+    // Fusing a pose, learning and handing over are all long: the model follows some cycles later.
+    const bool busy = host_.events().external_pose;
+    if (waited && (!busy || ++adapted_since_ > 3)) {
         control_.change_model(learning_.adapted_dynamics(), learning_.adapted_effects(), observer_.motion());
+        adapted_since_ = 0;
     }
+    const bool may_adapt = !saturated && !slip_.slipping(time_.scheduled_ns);
+    if (learning_.adapt(sample_, may_adapt, busy) && adapted_since_ == 0) adapted_since_ = 1;
+    long_cycle_ = waited || adapted_since_ == 1;
 }
 
 // Nothing that is not a number, and nothing over the limit, leaves this function.
@@ -434,7 +439,7 @@ void Cycle::send(std::int64_t) {
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
     for (const hal::CanFrame& frame : outbox_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
 
-    const Telemetry::Turn turn = telemetry_.next(cycle_);
+    const Telemetry::Turn turn = long_cycle_ ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
     hal::CanFrame frame;
     if (telemetry_.build(turn, report_, frame)) {
@@ -511,16 +516,10 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             r.drive_generation = static_cast<std::uint8_t>(parameters_.drive.generation);
             r.drive_error_bits = {ports_.left.feedback().error_bits, ports_.right.feedback().error_bits};
             break;
-        case ReportPart::pace: {
-            const control::PathPace<double>& pace = control_.pace();
-            r.pace_known = conditions_.model_known && !pace.running();
-            r.pace.shape = static_cast<protocol::TrajectoryShape>(pace.asked().kind);
-            r.pace.limited_by = static_cast<protocol::PaceLimit>(pace.limited_by());
-            r.pace.asked_period_s = pace.asked().period_s;
-            r.pace.period_s = pace.path().period_s;
-            if (control_.streamed()) r.pace = {.shape = protocol::TrajectoryShape::streamed};
+        case ReportPart::pace:
+            r.pace = control_.told_pace();
+            r.pace_known = conditions_.model_known && conditions_.path_known;
             break;
-        }
         case ReportPart::timing:
             r.timing.wake_latency_last_us = microseconds(time_.wake_latency_ns());
             r.timing.wake_latency_max_us = microseconds(longest_wake_ns_);

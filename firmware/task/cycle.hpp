@@ -132,6 +132,8 @@ class Cycle {
     Learning::Sample sample_;
     Telemetry telemetry_;
     CycleReport report_;
+    bool long_cycle_ = false;  // telemetry waits
+    int adapted_since_ = 0;    // cycles that a new model waits for the controllers; 0: none does
     OverrunMonitor overrun_;
     BusMeter drive_meter_;
     BusMeter host_meter_;

@@ -89,6 +89,16 @@ void MotionControl::select_trajectory(const protocol::TrajectoryCommand& command
     pace_.begin(path);
 }
 
+protocol::TrajectoryPace MotionControl::told_pace() const {
+    protocol::TrajectoryPace told;
+    told.shape = command_.shape;
+    if (streamed()) return told;
+    told.limited_by = static_cast<protocol::PaceLimit>(pace_.limited_by());
+    told.asked_period_s = pace_.asked().period_s;
+    told.period_s = pace_.period_s();
+    return told;
+}
+
 // The figure-8 lies in the fixed frame, as in Fig. 20; the other paths begin where the robot stands.
 void MotionControl::begin_path(const MotionInputs& now) {
     path_ = pace_.path();

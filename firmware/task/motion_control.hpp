@@ -54,14 +54,16 @@ class MotionControl {
     void change_model(const model::Dynamics<double>& dynamics, const model::EffectSet<double>& effects,
                       const model::Motion<double>& measured);
 
-    // What the trajectory modes follow from when they are entered, or some tens of cycles after this call: as
-    // soon as the path's pace is known. Until then the robot goes on as it moves. Not for while they drive.
+    // What the trajectory modes follow, from when they are entered; some tens of cycles after this call the
+    // path's pace is known. Where the mode comes before that, the robot goes on as it moves until then. Not
+    // for while they drive.
     void select_trajectory(const protocol::TrajectoryCommand& command);
     // When the path began that is driven now; 0: not yet.
     std::int64_t trajectory_start_ns() const { return trajectory_start_ns_; }
     bool streamed() const { return command_.shape == protocol::TrajectoryShape::streamed; }
     // The selected path's pace. Its path() is what is driven, but for the place where it begins.
     const control::PathPace<double>& pace() const { return pace_; }
+    protocol::TrajectoryPace told_pace() const;
 
     // Call in the cycle that enters a mode, before torque().
     void enter(protocol::Mode mode, const MotionInputs& now);

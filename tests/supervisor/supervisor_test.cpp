@@ -169,6 +169,20 @@ TEST(SupervisorEntry, each_requirement_is_named_and_a_refusal_changes_nothing) {
     }
 }
 
+TEST(SupervisorEntry, a_path_is_entered_when_its_pace_is_known) {
+    for (Mode mode : kDrivingModes) {
+        Supervisor s = started();
+        Conditions c = armed();
+        c.path_known = false;
+        CHECK(s.request(mode, c) == Blocker::none);
+        for (int i = 0; i < 10; ++i) s.step(c);
+        CHECK_EQUAL(mode != Mode::trajectory && mode != Mode::adaptive, s.may_drive());
+        c.path_known = true;
+        s.step(c);
+        CHECK(s.may_drive());
+    }
+}
+
 TEST(SupervisorEntry, identification_starts_from_idle_only) {
     Supervisor s = driving(Mode::velocity);
     CHECK(s.request(Mode::ident, armed()) == Blocker::not_idle);
