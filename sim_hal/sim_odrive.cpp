@@ -402,6 +402,9 @@ void SimOdrive::send_heartbeat(drivers::FrameSink& out) const {
         gen5::Heartbeat heartbeat;
         heartbeat.axis_error = error_;
         heartbeat.axis_state = static_cast<gen5::AxisState>(axis_state_);
+        heartbeat.motor_error_flag = (error_ & gen5::AxisError::motor_failed) != 0;
+        heartbeat.encoder_error_flag = (error_ & gen5::AxisError::encoder_failed) != 0;
+        heartbeat.controller_error_flag = (error_ & gen5::AxisError::controller_failed) != 0;
         heartbeat.trajectory_done_flag = true;  // as from power-on on, while nobody asks for a trajectory
         send(heartbeat, out);
     }

@@ -1,5 +1,6 @@
 #include "drivers/odrive/odrive_drive.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "drivers/odrive/odrive_0_5_messages.hpp"
@@ -103,9 +104,10 @@ OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel
 }
 
 // The arming sequence.
-const std::array<OdriveDrive::Step, 6> OdriveDrive::kArming{{
+const std::array<OdriveDrive::Step, 7> OdriveDrive::kArming{{
     {&OdriveDrive::is_not_idle, &OdriveDrive::send_idle, Wait::idle, false},
-    {nullptr, &OdriveDrive::send_clear_errors, Wait::next_cycle, false},
+    {&OdriveDrive::watchdog_counts_while_idle, &OdriveDrive::send_zero_torque, Wait::fresh_heartbeats, true},
+    {&OdriveDrive::reports_error, &OdriveDrive::send_clear_errors, Wait::next_cycle, false},
     {nullptr, &OdriveDrive::send_torque_mode, Wait::next_cycle, false},
     {nullptr, &OdriveDrive::send_zero_torque, Wait::next_cycle, true},
     {&OdriveDrive::can_ask_watchdog, &OdriveDrive::send_watchdog_question, Wait::watchdog_reply, true},
@@ -174,6 +176,15 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::Heartbeat::command:
             take_heartbeat(frame, received.timestamp_ns);
             break;
+        case gen6::GetError::command: {
+            // In 0.5 the answer to somebody's question.
+            gen6::GetError errors;
+            if (config_.generation == OdriveGeneration::v0_6 && decode(frame, errors)) {
+                told_error_ = errors.active_errors | errors.disarm_reason;
+                note_errors();
+            }
+            break;
+        }
         case gen6::GetEncoderEstimates::command: {
             gen6::GetEncoderEstimates estimates;
             if (!decode(frame, estimates)) break;
@@ -253,24 +264,28 @@ void OdriveDrive::take_heartbeat(const hal::CanFrame& frame, std::int64_t time_n
     if (config_.generation == OdriveGeneration::v0_5) {
         gen5::Heartbeat heartbeat;
         if (!decode(frame, heartbeat)) return;
-        feedback_.error_bits = heartbeat.axis_error;
+        using gen5::AxisError;
+        heartbeat_error_ = heartbeat.axis_error | (heartbeat.motor_error_flag ? AxisError::motor_failed : 0) |
+                           (heartbeat.encoder_error_flag ? AxisError::encoder_failed : 0) |
+                           (heartbeat.controller_error_flag ? AxisError::controller_failed : 0);
         axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
-        other_error_ =
-            heartbeat.motor_error_flag || heartbeat.encoder_error_flag || heartbeat.controller_error_flag;
     } else {
         gen6::Heartbeat heartbeat;
         if (!decode(frame, heartbeat)) return;
-        feedback_.error_bits = heartbeat.axis_error;
+        heartbeat_error_ = heartbeat.axis_error;
         axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
     }
+    note_errors();
     other_generation_ = other_generation_ || is_of_other_generation(frame);
     feedback_.heartbeat_time_ns = time_ns;
     silent_ = false;
     judge_heartbeat(time_ns);
 }
 
+void OdriveDrive::note_errors() { feedback_.error_bits = heartbeat_error_ | told_error_; }
+
 void OdriveDrive::judge_heartbeat(std::int64_t time_ns) {
-    const bool has_error = feedback_.error_bits != 0 || other_error_;
+    const bool has_error = heartbeat_error_ != 0;
     if (phase_ == Phase::armed) {
         if (has_error) {
             fail(DriveFault::error);
@@ -280,6 +295,7 @@ void OdriveDrive::judge_heartbeat(std::int64_t time_ns) {
         return;
     }
     if (phase_ == Phase::arming) {
+        if (has_idle_error() && kArming[step_].wait != Wait::closed_loop) end_arming(ArmRefusal::drive_error);
         if (kArming[step_].wait != Wait::closed_loop || !step_sent_ || time_ns <= step_since_ns_) return;
         if (has_error) {
             if (time_ns > step_since_ns_ + kSettle_ns) end_arming(ArmRefusal::drive_error);
@@ -338,17 +354,23 @@ void OdriveDrive::take_requests(FrameSink& out) {
         }
         return;  // stopping wins over arming
     }
-    if (arm && phase_ == Phase::resting) begin_arming();
+    if (!arm || phase_ != Phase::resting) return;
+    refusal_ = ArmRefusal::none;
+    arm_requested_ = clearing_;  // until a heartbeat tells what is left
+    if (!clearing_) begin_arming();
 }
 
 void OdriveDrive::begin_arming() {
-    refusal_ = ArmRefusal::none;
     if (silent_) {
         refusal_ = ArmRefusal::silent;
         return;
     }
     if (other_generation_) {
         refusal_ = ArmRefusal::other_generation;
+        return;
+    }
+    if (has_idle_error()) {
+        refusal_ = ArmRefusal::drive_error;
         return;
     }
     if (!config_.watchdog_assured && !can_ask_watchdog()) {
@@ -358,7 +380,6 @@ void OdriveDrive::begin_arming() {
     phase_ = Phase::arming;
     fault_ = DriveFault::none;
     to_idle_ = false;
-    clearing_ = false;
     step_ = 0;
     step_sent_ = false;
     feeding_ = false;
@@ -404,6 +425,9 @@ bool OdriveDrive::step_is_done() const {
             return true;
         case Wait::idle:
             return feedback_.heartbeat_time_ns > step_since_ns_ && axis_state_ == kIdle;
+        case Wait::fresh_heartbeats:
+            return feedback_.heartbeat_time_ns > step_since_ns_ + kSettle_ns &&
+                   now_ns_ > step_since_ns_ + std::min(heartbeat_timeout_ns_, arming_timeout_ns_ / 2);
         case Wait::watchdog_reply:
             return watchdog_answered_ && watchdog_on_;
         case Wait::closed_loop:
@@ -461,6 +485,7 @@ DriveState OdriveDrive::state() const {
     if (phase_ == Phase::armed) return DriveState::armed;
     if (phase_ == Phase::arming) return DriveState::arming;
     if (other_generation_) return DriveState::other_generation;
+    if (clearing_) return DriveState::arming;
     if (fault_ != DriveFault::none || has_idle_error()) return DriveState::fault;
     if (to_idle_) return DriveState::arming;
     return DriveState::idle;
@@ -475,7 +500,7 @@ bool OdriveDrive::has_idle_error() const {
     const std::uint32_t watchdog = config_.generation == OdriveGeneration::v0_5
                                        ? gen5::AxisError::watchdog_timer_expired
                                        : gen6::AxisError::watchdog_timer_expired;
-    return other_error_ || (feedback_.error_bits & ~watchdog) != 0;
+    return (feedback_.error_bits & ~watchdog) != 0;
 }
 
 bool OdriveDrive::is_not_idle() const { return axis_state_ != kIdle; }
@@ -504,6 +529,7 @@ void OdriveDrive::send_idle(FrameSink& out) {
 }
 
 void OdriveDrive::send_clear_errors(FrameSink& out) {
+    told_error_ = 0;
     if (config_.generation == OdriveGeneration::v0_5) {
         send(gen5::ClearErrors{}, out);
     } else {

@@ -1,19 +1,26 @@
 // Motor drive: ODrive over CANSimple, firmware generations 0.5 and 0.6. One object is one axis.
 //
 // Arming, one step in each cycle, then zero torque in every cycle until armed (which feeds the watchdog):
-//   idle if the axis is not, Clear_Errors, Set_Controller_Mode(torque, passthrough), Set_Input_Torque(0),
-//   0.6 with a known endpoint: read enable_watchdog and go on only when the drive says it is on,
-//   Set_Axis_State(closed loop), and a heartbeat younger than that request that shows closed loop, no error.
+// - idle if the axis is not;
+// - 0.5: Set_Input_Torque(0) for the heartbeat's time-out, or half of the arming's if that is shorter, and
+//   until a younger heartbeat has come. Fed now, the watchdog expires no more; and Clear_Errors, which clears
+//   both axes of such a board, finds no error that nobody has seen;
+// - Clear_Errors if the watchdog's error is reported;
+// - Set_Controller_Mode(torque, passthrough), Set_Input_Torque(0);
+// - 0.6 with a known endpoint: read enable_watchdog, and go on only when the drive says it is on;
+// - Set_Axis_State(closed loop), and a heartbeat younger than that request that shows closed loop, no error.
 // Arming is refused at once when the watchdog can neither be read (0.6, endpoint known) nor is vouched for
 // (watchdog_assured). Where the drive can be read, its answer decides.
+// Arming is refused, and nothing cleared, when the drive reports any other error than the watchdog's: only
+// request_clear_errors() clears those. An arming that is asked for while they are being cleared waits for the
+// heartbeat that says what is left.
 //
 // Faults while armed, each latched until the next arming or clearing: an error in the heartbeat, an axis
 // state that leaves closed loop even without an error (ODrive#700), no heartbeat. The axis is then told to go
 // idle, until it says it is. An idle axis whose only error is the expired watchdog counts as idle: so looks a
-// 0.5 drive whose watchdog is on and that nobody feeds, before arming clears it.
+// 0.5 drive whose watchdog is on and that nobody feeds, and one of 0.6 whose computer has died.
 //
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
-// Clear_Errors clears both axes of a 0.5 board.
 //
 // Positions are floats in revolutions: after a thousand motor turns they step by 6e-5 turns.
 #pragma once
@@ -80,14 +87,14 @@ class OdriveDrive final : public MotorDrive {
   private:
     enum class Phase : std::uint8_t { resting, arming, armed };
     // What a step of the arming waits for before the next one may begin.
-    enum class Wait : std::uint8_t { next_cycle, idle, watchdog_reply, closed_loop };
+    enum class Wait : std::uint8_t { next_cycle, idle, fresh_heartbeats, watchdog_reply, closed_loop };
     struct Step {
         bool (OdriveDrive::*applies)() const;  // null: always
         void (OdriveDrive::*send)(FrameSink&);
         Wait wait;
         bool feed;  // from here on zero torque goes out in every cycle
     };
-    static const std::array<Step, 6> kArming;
+    static const std::array<Step, 7> kArming;
 
     template <typename Message>
     bool decode(const hal::CanFrame& frame, Message& message);
@@ -95,6 +102,8 @@ class OdriveDrive final : public MotorDrive {
     void send(const Message& message, FrameSink& out) const;
 
     bool is_not_idle() const;
+    bool watchdog_counts_while_idle() const { return config_.generation == OdriveGeneration::v0_5; }
+    bool reports_error() const { return feedback_.error_bits != 0; }
     bool can_ask_watchdog() const;
     void send_idle(FrameSink& out);
     void send_clear_errors(FrameSink& out);
@@ -106,6 +115,7 @@ class OdriveDrive final : public MotorDrive {
 
     void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
     bool is_of_other_generation(const hal::CanFrame& heartbeat) const;
+    void note_errors();
     void judge_heartbeat(std::int64_t time_ns);
     void take_requests(FrameSink& out);
     void begin_arming();
@@ -136,7 +146,8 @@ class OdriveDrive final : public MotorDrive {
     ArmRefusal refusal_ = ArmRefusal::none;
     DriveFault fault_ = DriveFault::none;
     std::uint32_t axis_state_ = 0;
-    bool other_error_ = false;       // 0.5: motor, encoder or controller holds an error
+    std::uint32_t heartbeat_error_ = 0;
+    std::uint32_t told_error_ = 0;   // 0.6: in Get_Error, where the drive sends it
     bool other_generation_ = false;  // a frame had a form that the configured generation does not have
     bool asked_by_others_ = false;
     bool silent_ = true;

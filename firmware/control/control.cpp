@@ -3,6 +3,7 @@
 #include "firmware/control/limits.hpp"
 #include "firmware/control/loop_design.hpp"
 #include "firmware/control/odometry.hpp"
+#include "firmware/control/path_pace.hpp"
 #include "firmware/control/pose_control.hpp"
 #include "firmware/control/tracking.hpp"
 #include "firmware/control/trajectory.hpp"
@@ -19,6 +20,8 @@ template class VelocityLoop<float>;
 template class VelocityLoop<double>;
 template class LoopDesign<float>;
 template class LoopDesign<double>;
+template class PathPace<float>;
+template class PathPace<double>;
 template class PoseController<float>;
 template class PoseController<double>;
 template class StreamedReference<float>;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -18,7 +19,19 @@ struct PlantModel {
     model::Dynamics<Real> dynamics;
     model::EffectSet<Real> effects;
     bool rare_effects = true;  // false: none is active but the first kCommonEffects
+    // Of a wheel, see below; in rad/s.
+    Real sure_speed_rad_per_s = Real(0.15);
+    Real soft_speed_rad_per_s = Real(0.04);
 };
+
+// Dry friction is compensated by the sign of the *reference* speed, softened over soft_speed, because a sign
+// of the measured speed chatters at rest; measured speed joins in where it is beyond doubt (sure_speed), so
+// that a braking wheel is not told to push against a friction that already brakes it. Beyond doubt is six
+// standard deviations of the observer's speed, and 0.45 % of the speed limit; softened over a 3.75th of it.
+inline constexpr double kObserverCycle_s = 1e-3;  // the firmware's cycle
+inline constexpr double kSureSigmas = 6;
+inline constexpr double kSureShare = 0.0045;
+inline constexpr double kSurePerSoft = 3.75;
 
 template <typename Real>
 PlantModel<Real> plant_model(const model::RobotParameters& from) {
@@ -37,14 +50,16 @@ PlantModel<Real> plant_model(const model::RobotParameters& from) {
     to.rare_effects = std::any_of(to.effects.active.begin() + model::kCommonEffects, to.effects.active.end(),
                                   [](bool active) { return active; });
     to.geometry = model::actual_geometry(to.effects, to.geometry);
+    // The observer averages an angle's noise over its time: sigma omega sqrt(omega T).
+    const double bandwidth = velocity_loop_speed(from, kObserverCycle_s).observer_bandwidth_rad_per_s;
+    const double noise =
+        from.velocity_loop.angle_noise_rad * bandwidth * std::sqrt(bandwidth * kObserverCycle_s);
+    const double sure =
+        std::max(kSureSigmas * noise, kSureShare * from.limits.speed_m_per_s / from.geometry.mean_radius_m());
+    to.sure_speed_rad_per_s = Real(sure);
+    to.soft_speed_rad_per_s = Real(sure / kSurePerSoft);
     return to;
 }
-
-// Dry friction is compensated by the sign of the *reference* speed, softened over kSoftSpeed, because a sign
-// of the measured speed chatters at rest; measured speed joins in where it is beyond doubt (kSureSpeed), so
-// that a braking wheel is not told to push against a friction that already brakes it. Both in rad/s.
-inline constexpr double kSoftSpeed = 0.04;
-inline constexpr double kSureSpeed = 0.15;
 
 // The torque that the effects are expected to add at the wheels.
 template <std::size_t kUpTo = model::kEffectCount, typename Real>
@@ -58,9 +73,11 @@ constexpr WheelPair<Real> expected_effect_torque_Nm(const PlantModel<Real>& plan
         plant.effects, plant.geometry, measured.wheel_speed_rad_per_s,
         [&](std::size_t, unsigned, const WheelPair<Real>& direction, Real limit_Nm) {
             const Real sliding = model::sliding_speed(direction, measured.wheel_speed_rad_per_s);
-            const Real sure = sliding - std::clamp(sliding, Real(-kSureSpeed), Real(kSureSpeed));
+            const Real sure =
+                sliding - std::clamp(sliding, -plant.sure_speed_rad_per_s, plant.sure_speed_rad_per_s);
             const Real asked = model::sliding_speed(direction, reference_speed);
-            const Real amount = -limit_Nm * std::clamp((asked + sure) / Real(kSoftSpeed), Real(-1), Real(1));
+            const Real amount =
+                -limit_Nm * std::clamp((asked + sure) / plant.soft_speed_rad_per_s, Real(-1), Real(1));
             total.left += amount * direction.left;
             total.right += amount * direction.right;
         });

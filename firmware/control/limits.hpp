@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "firmware/control/reference.hpp"
+#include "firmware/model/robot_parameters.hpp"
 #include "firmware/model/types.hpp"
 
 namespace wheelwright::control {
@@ -75,6 +76,21 @@ constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, Real li
     const Real half = whole / 2;  // rounding must not leave the limit
     return {std::clamp((signed_s - signed_d) / 2, -half, half),
             std::clamp((signed_s + signed_d) / 2, -half, half)};
+}
+
+// The changes of speed and yaw rate that the limits and half of the torque allow: one half for speed and one
+// for yaw, so that both can be had at once.
+inline TwistRate<double> usual_acceleration(const model::RobotParameters& from) {
+    return {std::min(from.limits.acceleration_m_per_s2, from.dynamics.k7_per_kg_m * from.limits.torque_Nm),
+            std::min(from.limits.yaw_acceleration_rad_per_s2,
+                     from.dynamics.k8_per_kg_m2 * from.limits.torque_Nm)};
+}
+
+// In which they bring the robot to rest from its limits of speed and yaw rate.
+inline double braking_time_s(const model::RobotParameters& from) {
+    const auto [acceleration, yaw_acceleration] = usual_acceleration(from);
+    return std::max(from.limits.speed_m_per_s / acceleration,
+                    from.limits.yaw_rate_rad_per_s / yaw_acceleration);
 }
 
 // Moves a commanded twist towards a target no faster than two accelerations allow. Speed and yaw rate move

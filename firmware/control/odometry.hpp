@@ -36,6 +36,7 @@ struct OdometrySettings {
     Real distance_noise{};     // standard deviation of distance after 1 m, m
     Real turn_noise{};         // standard deviation of heading after 1 rad, rad
     bool calibrate = true;     // estimate the three constants
+    Real track_m{};            // what lengths are measured by
 };
 
 template <typename Real>
@@ -49,6 +50,7 @@ OdometrySettings<Real> odometry_settings(const model::RobotParameters& from) {
     to.distance_noise = Real(o.distance_noise_per_m);
     to.turn_noise = Real(o.turn_noise_per_rad);
     to.calibrate = o.calibrate;
+    to.track_m = Real(from.geometry.track_m);
     return to;
 }
 
@@ -118,7 +120,8 @@ class Odometry {
         }
         now_ns_ = now_ns;
         fused_ = corrected(reckoned_);
-        if (fixes_ > 0 && (window_distance_ > kLongWindow_m || window_turn_ > kLongWindow_rad)) {
+        if (fixes_ > 0 &&
+            (window_distance_ > kLongWindowTracks * settings_.track_m || window_turn_ > kLongWindow_rad)) {
             propagate(reckoned_);
         }
     }
@@ -147,12 +150,18 @@ class Odometry {
     static constexpr std::size_t kHistory = 128;
     static constexpr std::int64_t kHistoryStep_ns = 5'000'000;
     static constexpr int kBareEvery = 8;
-    static constexpr Real kLongWindow_m = Real(0.25);
+    // Over a longer window the robot is not taken to drive one arc.
+    static constexpr Real kLongWindowTracks = Real(0.8);
     static constexpr Real kLongWindow_rad = Real(0.25);
+    // Before any pose: radii and track to 2 %, the wheels' radii alike to 1 % (over the track: turn per
+    // metre).
     static constexpr Real kCalibrationSigma = Real(0.02);
-    static constexpr Real kTurnPerMetreSigma = Real(0.03);
+    static constexpr Real kUnlikeSigma = Real(0.01);
     static constexpr Real kCalibrationWander = Real(1e-4);  // per square root of a metre
     static constexpr Real kLargestCalibration = Real(0.1);
+    static constexpr Real kLargestUnlike = Real(0.03);
+    // A distance unsettles the heading like a turn by this, times the distance in tracks.
+    static constexpr Real kTurnPerTrack_rad = Real(0.03);
     static constexpr Real kUnmeasuredMotion = Real(0.05);  // of the external noise, for each fix
 
     struct Past {
@@ -260,8 +269,8 @@ class Odometry {
         }
         // Noise: a random walk in distance and in turn, the turn's seen from the window's end.
         const Real along = settings_.distance_noise * settings_.distance_noise * window_distance_;
-        const Real turn =
-            settings_.turn_noise * settings_.turn_noise * (window_turn_ + Real(0.1) * window_distance_);
+        const Real turn = settings_.turn_noise * settings_.turn_noise *
+                          (window_turn_ + kTurnPerTrack_rad * window_distance_ / settings_.track_m);
         const Real chord = std::max(dx * dx + dy * dy, Real(1e-12));
         p[0][0] += along * dx * dx / chord + turn * dy * dy / 3;
         p[1][1] += along * dy * dy / chord + turn * dx * dx / 3;
@@ -291,7 +300,7 @@ class Odometry {
         covariance_[2][2] = heading;
         if (!calibration_seeded_ && settings_.calibrate) {
             covariance_[3][3] = covariance_[4][4] = kCalibrationSigma * kCalibrationSigma;
-            covariance_[5][5] = kTurnPerMetreSigma * kTurnPerMetreSigma;
+            covariance_[5][5] = kUnlikeSigma * kUnlikeSigma / (settings_.track_m * settings_.track_m);
             calibration_seeded_ = true;
         }
     }
@@ -342,12 +351,12 @@ class Odometry {
             for (std::size_t k = 0; k < j; ++k) covariance_[j][k] = covariance_[k][j];
         }
         correct(then, {expected.x_m + change[0], expected.y_m + change[1], expected.heading_rad + change[2]});
-        const auto learn = [](Real& constant, Real by) {
-            constant = std::clamp(constant + by, -kLargestCalibration, kLargestCalibration);
+        const auto learn = [](Real& constant, Real by, Real largest) {
+            constant = std::clamp(constant + by, -largest, largest);
         };
-        learn(calibration_.distance, change[3]);
-        learn(calibration_.turn, change[4]);
-        learn(calibration_.turn_per_m, change[5]);
+        learn(calibration_.distance, change[3], kLargestCalibration);
+        learn(calibration_.turn, change[4], kLargestCalibration);
+        learn(calibration_.turn_per_m, change[5], kLargestUnlike / settings_.track_m);
         fused_ = corrected(reckoned_);
         ++fixes_;
         return FixOutcome::fused;

@@ -26,6 +26,7 @@
 #include <cmath>
 #include <cstdint>
 
+#include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/control/limits.hpp"
 #include "firmware/control/reference.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -53,19 +54,42 @@ struct PoseControlSettings {
     Real heading_tolerance_rad{};
 };
 
+// Settings from the robot file. What it leaves at "auto":
+// - a third of the usual acceleration, half of the usual yaw acceleration: turning comes first;
+// - half of the speed limit, and a third of the yaw rate limit;
+// - gamma2 a twelfth of the velocity loops' rate, and so low that a bearing error of 0.8 rad asks for no more
+//   than the usual yaw acceleration; gamma1 a third of it, for the bearing has to be right before the way is
+//   driven;
+// - where it stops: an 80th of the track, or twice the noise of the poses from outside; the heading, by
+// theirs.
 template <typename Real>
 PoseControlSettings<Real> pose_control_settings(const model::RobotParameters& from) {
     const auto& p = from.pose_control;
-    return {Real(p.gamma1),
-            Real(p.gamma2),
-            Real(p.lambda_ratio),
-            Real(std::min(p.speed_m_per_s, from.limits.speed_m_per_s)),
-            Real(std::min(p.yaw_rate_rad_per_s, from.limits.yaw_rate_rad_per_s)),
-            Real(std::min(p.acceleration_m_per_s2, from.limits.acceleration_m_per_s2)),
-            Real(std::min(p.yaw_acceleration_rad_per_s2, from.limits.yaw_acceleration_rad_per_s2)),
-            Real(p.stop_radius_m),
-            Real(std::max(p.rearm_radius_m, p.stop_radius_m)),
-            Real(p.heading_tolerance_rad)};
+    const auto given = [](double value, double automatic) { return value > 0 ? value : automatic; };
+    const auto [usual, usual_yaw] = usual_acceleration(from);
+    const double yaw_acceleration = std::min(given(p.yaw_acceleration_rad_per_s2, usual_yaw / 2),
+                                             from.limits.yaw_acceleration_rad_per_s2);
+    const double loop_per_s =
+        kTimeConstantsToOnePercent / velocity_loop_speed(from, kObserverCycle_s).settling_time_s;
+    const double gamma2 = given(p.gamma2, std::min(loop_per_s / 12, std::sqrt(1.2 * usual_yaw)));
+    const double stop =
+        given(p.stop_radius_m, std::max(from.geometry.track_m / 80, 2 * from.odometry.external_pose_noise_m));
+    PoseControlSettings<Real> to;
+    to.gamma1 = Real(given(p.gamma1, gamma2 / 3));
+    to.gamma2 = Real(gamma2);
+    to.lambda_ratio = Real(p.lambda_ratio);
+    to.speed_m_per_s =
+        Real(std::min(given(p.speed_m_per_s, from.limits.speed_m_per_s / 2), from.limits.speed_m_per_s));
+    to.yaw_rate_rad_per_s = Real(std::min(given(p.yaw_rate_rad_per_s, from.limits.yaw_rate_rad_per_s / 3),
+                                          from.limits.yaw_rate_rad_per_s));
+    to.acceleration_m_per_s2 =
+        Real(std::min(given(p.acceleration_m_per_s2, usual / 3), from.limits.acceleration_m_per_s2));
+    to.yaw_acceleration_rad_per_s2 = Real(yaw_acceleration);
+    to.stop_radius_m = Real(stop);
+    to.rearm_radius_m = Real(std::max(given(p.rearm_radius_m, 2.25 * stop), stop));
+    to.heading_tolerance_rad =
+        Real(given(p.heading_tolerance_rad, 1.25 * from.odometry.external_heading_noise_rad));
+    return to;
 }
 
 // Robot against goal in polar coordinates, eq (74)-(77); mirrored for driving forward.
@@ -182,12 +206,16 @@ class PoseController {
         choose_phase(distance, heading_error);
         if (phase_ == PosePhase::approach) return approach(robot, distance);
         if (phase_ == PosePhase::turn) {
-            // No faster than the yaw acceleration can stop (with some reserve).
-            const Real stopping = std::sqrt(settings_.yaw_acceleration_rad_per_s2 * std::abs(heading_error));
-            const Real rate = std::min(settings_.gamma2 * std::abs(heading_error), stopping);
-            return {0, -std::copysign(rate, heading_error)};
+            return {0, -turning_rate(heading_error)};
         }
         return {};
+    }
+
+    // gamma2 times the error, and no faster than the yaw acceleration can stop (with some reserve).
+    Real turning_rate(Real error_rad) const {
+        const Real size = std::abs(error_rad);
+        const Real stopping = std::sqrt(settings_.yaw_acceleration_rad_per_s2 * size);
+        return std::copysign(std::min(settings_.gamma2 * size, stopping), error_rad);
     }
 
     void choose_phase(Real distance, Real heading_error) {
@@ -245,7 +273,7 @@ class PoseController {
         const Real g = std::min(settings_.gamma1, std::min(settings_.speed_m_per_s, braking) / e);
         const Real v = -g * e * c;
         const Real calm = std::min(e / close, Real(1));
-        const Real w = calm * (-settings_.gamma2 * error.alpha_rad - g * c * s +
+        const Real w = calm * (-turning_rate(error.alpha_rad) - g * c * s +
                                g * settings_.lambda_ratio * c * sine_over_angle(error.alpha_rad, s) * psi);
         return {forward_ ? -v : v, w};
     }

@@ -25,35 +25,53 @@
 
 namespace wheelwright::control {
 
+inline constexpr double kHeadingPerAcross = 5.0 / 3;
+inline constexpr double kSteeringShare = 0.7;
+inline constexpr double kAlongShare = 0.25;
+// Steering counts for this share of the speed limit at least, and for this share of the track times the yaw
+// rate: a robot that stands or spins keeps its heading.
+inline constexpr double kLeastPace = 0.02;
+inline constexpr double kPacePerTrack = 0.3;
+
 template <typename Real>
 struct TrackingSettings {
     Real along_gain_per_s{};
     Real across_gain_per_m2{};
     Real heading_gain_per_m{};
     Real catch_up_m{};  // position errors count for no more than this
+    Real least_pace_m_per_s{}, pace_per_yaw_rate_m{};
     Real speed_m_per_s{};
     Real yaw_rate_rad_per_s{};
     Real acceleration_m_per_s2{};
     Real yaw_acceleration_rad_per_s2{};
 };
 
-// Settings from the robot file. Accelerations are also kept within what the torque limit can give: half of it
-// for speed and half for yaw, so that both can be had at once.
+// Settings from the robot file. Gains that it leaves at "auto": the robot comes back to the path within the
+// length l, as e'' + 5/3 e'/l + e/l^2 = 0 over the distance driven (damping 5/6). That is its track; longer
+// where the yaw acceleration that a steering angle asks for, some v^2 / l^2 at the speed v, would be more
+// than the robot has. Along the path a quarter of the acceleration brings it back to rest from an error of l.
 template <typename Real>
 TrackingSettings<Real> tracking_settings(const model::RobotParameters& from) {
     const auto& t = from.trajectory;
-    const double torque = from.limits.torque_Nm;
+    const auto [acceleration, yaw_acceleration] = usual_acceleration(from);
+    const double speed = from.limits.speed_m_per_s;
+    const double track = from.geometry.track_m;
+    const double length = std::max(track, kSteeringShare * speed / std::sqrt(yaw_acceleration));
+    const double across = t.across_gain_per_m2 > 0 ? t.across_gain_per_m2 : 1 / (length * length);
+    const double heading =
+        t.heading_gain_per_m > 0 ? t.heading_gain_per_m : kHeadingPerAcross * std::sqrt(across);
     TrackingSettings<Real> to;
-    to.along_gain_per_s = Real(t.along_gain_per_s);
-    to.across_gain_per_m2 = Real(t.across_gain_per_m2);
-    to.heading_gain_per_m = Real(t.heading_gain_per_m);
-    to.catch_up_m = Real(0.7 * t.heading_gain_per_m / t.across_gain_per_m2);
-    to.speed_m_per_s = Real(from.limits.speed_m_per_s);
+    to.along_gain_per_s =
+        Real(t.along_gain_per_s > 0 ? t.along_gain_per_s : std::sqrt(kAlongShare * acceleration / length));
+    to.across_gain_per_m2 = Real(across);
+    to.heading_gain_per_m = Real(heading);
+    to.catch_up_m = Real(0.7 * heading / across);
+    to.least_pace_m_per_s = Real(kLeastPace * speed);
+    to.pace_per_yaw_rate_m = Real(kPacePerTrack * track);
+    to.speed_m_per_s = Real(speed);
     to.yaw_rate_rad_per_s = Real(from.limits.yaw_rate_rad_per_s);
-    to.acceleration_m_per_s2 =
-        Real(std::min(from.limits.acceleration_m_per_s2, from.dynamics.k7_per_kg_m * torque));
-    to.yaw_acceleration_rad_per_s2 =
-        Real(std::min(from.limits.yaw_acceleration_rad_per_s2, from.dynamics.k8_per_kg_m2 * torque));
+    to.acceleration_m_per_s2 = Real(acceleration);
+    to.yaw_acceleration_rad_per_s2 = Real(yaw_acceleration);
     return to;
 }
 
@@ -94,7 +112,8 @@ class TrajectoryTracker {
 
         const Real v_r = reference.twist.v_m_per_s;
         const Real w_r = reference.twist.omega_rad_per_s;
-        const Real pace = std::abs(v_r) + Real(0.1) * std::abs(w_r) + Real(0.05);
+        const Real pace =
+            std::abs(v_r) + settings_.pace_per_yaw_rate_m * std::abs(w_r) + settings_.least_pace_m_per_s;
         const Bearing bearing = bearing_of(heading);
         Twist<Real> wanted{
             v_r * bearing.cosine + settings_.along_gain_per_s * shorten * out.along_m,

@@ -77,7 +77,7 @@ const std::array kTable{
     WW_REAL(0x0062, safety.over_speed_m_per_s, "m/s", 3.2, 0.02, 30.0, start, "measured speed that is a fault"),
     WW_REAL(0x0063, safety.over_yaw_rate_rad_per_s, "rad/s", 14.0, 0.02, 80.0, start, "measured yaw rate that is a fault"),
     WW_REAL(0x0064, safety.clear_speed_m_per_s, "m/s", 0.05, 0.001, 1.0, start, "a fault clears only below this measured wheel rim speed"),
-    WW_REAL(0x0065, safety.ramp_timeout_s, "s", 1.0, 0.01, 10.0, start, "a braking ramp that takes longer becomes coasting"),
+    WW_REAL(0x0065, safety.ramp_timeout_s, "s", 0.0, 0.01, 60.0, start, "a braking ramp that takes longer becomes coasting; auto: twice what half of the torque needs from the speed limits, and 0.5 s"),
     WW_CHOICE(0x0068, safety.stale_command_reaction, kReactions, 0, start, "what a stale set-point does"),
     WW_CHOICE(0x0069, safety.over_speed_reaction, kReactions, 0, start, "what excess speed does"),
     WW_CHOICE(0x006A, safety.emergency_stop_reaction, kReactions, 0, start, "what the emergency stop does"),
@@ -114,20 +114,20 @@ const std::array kTable{
     WW_REAL(0x00C7, velocity_loop.observer_bandwidth_rad_per_s, "rad/s", 0.0, 5.0, 2000.0, idle, "bandwidth of the wheel speed observer; auto: 12.5 over the settling time"),
     WW_REAL(0x00C8, velocity_loop.angle_noise_rad, "rad", 0.0, 0.0, 0.1, idle, "noise of a wheel's angle; measured in ident mode, 0: not known"),
 
-    WW_REAL(0x00D0, pose_control.gamma1, "1/s", 1.0, 0.05, 10.0, idle, "gain on distance, eq (82)"),
-    WW_REAL(0x00D1, pose_control.gamma2, "1/s", 3.0, 0.05, 20.0, idle, "gain on the bearing error, eq (83)"),
+    WW_REAL(0x00D0, pose_control.gamma1, "1/s", 0.0, 0.05, 10.0, idle, "gain on distance, eq (82); auto: a third of gamma2"),
+    WW_REAL(0x00D1, pose_control.gamma2, "1/s", 0.0, 0.05, 20.0, idle, "gain on the bearing error, eq (83); auto: a twelfth of the velocity loops' rate, lower where yaw acceleration is scarce"),
     WW_REAL(0x00D2, pose_control.lambda_ratio, "", 3.0, 0.05, 20.0, idle, "lambda3 / lambda2 of eq (83)"),
-    WW_REAL(0x00D3, pose_control.speed_m_per_s, "m/s", 1.2, 0.02, 10.0, idle, "cruising speed towards a pose goal"),
-    WW_REAL(0x00D4, pose_control.yaw_rate_rad_per_s, "rad/s", 2.0, 0.02, 20.0, idle, "largest yaw rate towards a pose goal"),
-    WW_REAL(0x00D5, pose_control.stop_radius_m, "m", 0.004, 0.0005, 0.1, idle, "distance at which the goal's position is reached"),
-    WW_REAL(0x00D6, pose_control.rearm_radius_m, "m", 0.009, 0.001, 0.2, idle, "distance at which a reached goal is pursued again"),
-    WW_REAL(0x00D7, pose_control.heading_tolerance_rad, "rad", 0.005, 0.0005, 0.2, idle, "heading error at which the goal's heading is reached"),
-    WW_REAL(0x00D8, pose_control.acceleration_m_per_s2, "m/s^2", 2.0, 0.01, 200.0, idle, "largest rate of change of the speed towards a pose goal"),
-    WW_REAL(0x00D9, pose_control.yaw_acceleration_rad_per_s2, "rad/s^2", 12.0, 0.01, 2000.0, idle, "largest rate of change of the yaw rate towards a pose goal"),
+    WW_REAL(0x00D3, pose_control.speed_m_per_s, "m/s", 0.0, 0.02, 10.0, idle, "cruising speed towards a pose goal; auto: half of limits.speed_m_per_s"),
+    WW_REAL(0x00D4, pose_control.yaw_rate_rad_per_s, "rad/s", 0.0, 0.02, 20.0, idle, "largest yaw rate towards a pose goal; auto: a third of limits.yaw_rate_rad_per_s"),
+    WW_REAL(0x00D5, pose_control.stop_radius_m, "m", 0.0, 0.0005, 0.1, idle, "distance at which the goal's position is reached; auto: an 80th of the track, or twice odometry.external_pose_noise_m"),
+    WW_REAL(0x00D6, pose_control.rearm_radius_m, "m", 0.0, 0.001, 0.2, idle, "distance at which a reached goal is pursued again; auto: 2.25 times the stop radius"),
+    WW_REAL(0x00D7, pose_control.heading_tolerance_rad, "rad", 0.0, 0.0005, 0.2, idle, "heading error at which the goal's heading is reached; auto: 1.25 times odometry.external_heading_noise_rad"),
+    WW_REAL(0x00D8, pose_control.acceleration_m_per_s2, "m/s^2", 0.0, 0.01, 200.0, idle, "largest rate of change of the speed towards a pose goal; auto: a third of what half of the torque gives"),
+    WW_REAL(0x00D9, pose_control.yaw_acceleration_rad_per_s2, "rad/s^2", 0.0, 0.01, 2000.0, idle, "largest rate of change of the yaw rate towards a pose goal; auto: half of what half of the torque gives"),
 
-    WW_REAL(0x00E0, trajectory.along_gain_per_s, "1/s", 3.0, 0.05, 20.0, idle, "gain on the error along the path"),
-    WW_REAL(0x00E1, trajectory.across_gain_per_m2, "1/m^2", 9.0, 0.05, 100.0, idle, "gain on the error across the path, per distance driven"),
-    WW_REAL(0x00E2, trajectory.heading_gain_per_m, "1/m", 5.0, 0.05, 50.0, idle, "gain on the heading error, per distance driven"),
+    WW_REAL(0x00E0, trajectory.along_gain_per_s, "1/s", 0.0, 0.05, 20.0, idle, "gain on the error along the path; auto: as fast as torque and limits can bring the robot back to rest beside the path"),
+    WW_REAL(0x00E1, trajectory.across_gain_per_m2, "1/m^2", 0.0, 0.05, 1000.0, idle, "gain on the error across the path, per distance driven; auto: back on the path within some tracks, or what the yaw acceleration allows"),
+    WW_REAL(0x00E2, trajectory.heading_gain_per_m, "1/m", 0.0, 0.05, 200.0, idle, "gain on the heading error, per distance driven; auto: 5/3 of the root of the gain across"),
     WW_REAL(0x00E3, trajectory.length_m, "m", 3.0, 0.1, 60.0, idle, "length of the standard figure-8"),
     WW_REAL(0x00E4, trajectory.width_m, "m", 1.5, 0.1, 60.0, idle, "width of the standard figure-8"),
     WW_REAL(0x00E5, trajectory.period_s, "s", 10.0, 1.0, 600.0, idle, "time for one lap of the standard figure-8"),
@@ -136,7 +136,7 @@ const std::array kTable{
     WW_REAL(0x00F1, adaptation.dwell_s, "s", 0.1, 0.001, 60.0, idle, "least time between two changes of the controller's model"),
     WW_REAL(0x00F2, adaptation.rate_per_s, "1/s", 0.5, 0.001, 100.0, idle, "largest relative change of a parameter per second"),
     WW_REAL(0x00F3, adaptation.minimum_excitation, "", 0.05, 0.0, 10.0, idle, "excitation below which a parameter is frozen"),
-    WW_REAL(0x00F4, adaptation.slip_yaw_rate_rad_per_s, "rad/s", 0.5, 0.01, 20.0, idle, "disagreement of yaw rates that is taken for slip"),
+    WW_REAL(0x00F4, adaptation.slip_yaw_rate_rad_per_s, "rad/s", 0.0, 0.01, 20.0, idle, "disagreement of yaw rates that is taken for slip; auto: beyond the external heading's noise and a 20th of limits.yaw_rate_rad_per_s"),
     WW_REAL(0x00F5, adaptation.trust_relative_error, "", 0.05, 0.001, 1.0, idle, "relative standard error within which a model is trusted"),
     WW_REAL(0x00F6, adaptation.range, "", 3.0, 1.01, 100.0, idle, "factor by which K7 and K8 may leave the robot file's values"),
 
@@ -243,6 +243,12 @@ ParameterStatus write_parameter(RobotParameters& to, std::uint16_t index, double
 ChangeWhen changeable(std::uint16_t index) {
     if (const ParameterInfo* info = find_parameter(index)) return info->when;
     return effect_slot(index).known ? idle : start;
+}
+
+bool dynamics_known(const RobotParameters& p) {
+    const Dynamics<double> standard = default_parameters().dynamics;
+    return p.dynamics.k7_per_kg_m != standard.k7_per_kg_m ||
+           p.dynamics.k8_per_kg_m2 != standard.k8_per_kg_m2 || p.dynamics_standard_error.k7_per_kg_m > 0;
 }
 
 }  // namespace wheelwright::model

@@ -138,6 +138,9 @@ const ParameterInfo* find_parameter(std::string_view key);
 // All parameters at their defaults, no effects active.
 RobotParameters default_parameters();
 
+// False: K7 and K8 are the table's defaults; nobody has given, measured or weighed them.
+bool dynamics_known(const RobotParameters& parameters);
+
 // Effects on CAN: 0x4000 + 16 * effect + parameter, and slot 15 for `active` (0 or 1).
 inline constexpr std::uint16_t kEffectIndexBase = 0x4000;
 inline constexpr std::uint16_t kEffectActiveSlot = 15;

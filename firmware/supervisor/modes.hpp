@@ -23,6 +23,7 @@ struct Conditions {
     bool drive_error = false;            // a drive reports an error
     bool drive_silent = false;           // a drive's heartbeat is overdue
     bool drives_armed = false;           // both drives follow torque commands
+    bool path_known = true;              // the pace of the path that is to be driven
     bool drive_disarmed_itself = false;  // a drive that was armed has left that state unasked
     bool arming_refused = false;         // a drive would not arm
     bool watchdog_confirmed = false;     // both drives' own watchdogs are known to be on
@@ -45,6 +46,7 @@ inline constexpr std::uint16_t bit(Mode mode) { return static_cast<std::uint16_t
 inline constexpr std::uint16_t kDriving = bit(Mode::torque) | bit(Mode::ident) | bit(Mode::velocity) |
                                           bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
 inline constexpr std::uint16_t kIdle = bit(Mode::idle);
+inline constexpr std::uint16_t kPathModes = bit(Mode::trajectory) | bit(Mode::adaptive);
 inline constexpr std::uint16_t kSetpointModes =
     bit(Mode::torque) | bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
 
@@ -97,6 +99,7 @@ struct EntryRule {
 inline constexpr std::array kEntryRules{
     EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
     EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},
+    EntryRule{kDriving, &Conditions::drive_error, false, Blocker::drive_error},
     EntryRule{bit(Mode::ident), &Conditions::moving, false, Blocker::robot_moving},
     EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
               &Conditions::model_known, true, Blocker::not_identified},

@@ -33,7 +33,7 @@ Blocker Supervisor::request(Mode wanted, const Conditions& now) {
 }
 
 Blocker Supervisor::clear_fault(const Conditions& now) {
-    if (mode_ != Mode::fault) return Blocker::none;
+    if (mode_ != Mode::fault) return blocker_ = Blocker::none;
     if (phase_ == Phase::ramping || now.moving) return blocker_ = Blocker::robot_moving;
     if (now.stop_line_active) return blocker_ = Blocker::stop_line_active;
     if (now.terminate || now.bus_down) return blocker_ = Blocker::fault_latched;
@@ -69,10 +69,12 @@ void Supervisor::step(const Conditions& now) {
     switch (phase_) {
         case Phase::arming:
             if (now.arming_refused || phase_cycles_ > config_.arming_limit_cycles) {
-                blocker_ =
-                    now.watchdog_confirmed ? Blocker::drives_not_armed : Blocker::watchdog_not_confirmed;
+                blocker_ = !now.watchdog_confirmed ? Blocker::watchdog_not_confirmed
+                           : now.drive_error       ? Blocker::drive_error
+                                                   : Blocker::drives_not_armed;
                 stop(Fault::arming_refused, false);
-            } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself) {
+            } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself &&
+                       (now.path_known || (bit(requested_) & kPathModes) == 0)) {
                 enter(requested_);
             }
             break;
@@ -110,8 +112,8 @@ void Supervisor::stop(Fault fault, bool ramp) {
     entry_pending_ = false;
 }
 
-// While arming there is no set-point yet, no armed drive that could leave that state, and an error present
-// before is what arming clears. Braking to rest needs no set-point.
+// While arming there is no set-point yet, no armed drive that could leave that state, and a drive's error
+// shows as a refusal. Braking to rest needs no set-point.
 bool Supervisor::exempt(Fault fault) const {
     switch (phase_) {
         case Phase::arming:

@@ -48,6 +48,9 @@ class Supervisor {
     // reason.
     Blocker clear_fault(const Conditions& now);
 
+    // How long the robot may brake before it coasts; in force at once.
+    void set_ramp_limit(std::int32_t cycles) { config_.ramp_limit_cycles = cycles; }
+
     // One cycle. Call after the requests of this cycle.
     void step(const Conditions& now);
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "firmware/task/ident_quantities.hpp"
+
 namespace wheelwright::task {
 namespace {
 
@@ -31,8 +33,13 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
                     ramps(p.safety.terminate_reaction)};
     // The drives report their own time-out first; this is the limit if they report nothing.
     config.arming_limit_cycles = static_cast<std::int32_t>(1.5 * p.drive.arming_timeout_s / kCyclePeriod_s);
-    config.ramp_limit_cycles = static_cast<std::int32_t>(p.safety.ramp_timeout_s / kCyclePeriod_s);
     return config;
+}
+
+std::int32_t ramp_limit_cycles(const model::RobotParameters& p) {
+    const double auto_s = std::min(2 * control::braking_time_s(p) + 0.5, 60.0);
+    const double limit_s = p.safety.ramp_timeout_s > 0 ? p.safety.ramp_timeout_s : auto_s;
+    return static_cast<std::int32_t>(limit_s / kCyclePeriod_s);
 }
 
 // An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
@@ -48,13 +55,6 @@ bool effects_measured(const model::RobotParameters& p) {
         measured = measured && unknown < (model::kLinearInParameters[i] ? 1 : count);
     });
     return measured;
-}
-
-// K7 and K8 are the table's defaults: nobody has given, measured or weighed them.
-bool model_known(const model::RobotParameters& p) {
-    const model::Dynamics<double> standard = model::default_parameters().dynamics;
-    return p.dynamics.k7_per_kg_m != standard.k7_per_kg_m ||
-           p.dynamics.k8_per_kg_m2 != standard.k8_per_kg_m2 || p.dynamics_standard_error.k7_per_kg_m > 0;
 }
 
 double microseconds(std::int64_t ns) { return 1e-3 * static_cast<double>(ns); }
@@ -86,7 +86,9 @@ void Cycle::configure() {
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
     odometry_.configure(control::odometry_settings<double>(parameters_));
     effects_measured_ = effects_measured(parameters_);
-    conditions_.model_known = model_known(parameters_);
+    slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters_);
+    supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
+    conditions_.model_known = model::dynamics_known(parameters_);
     sample_age_ns_ = static_cast<std::int64_t>(Learning::sample_age_s(parameters_) * 1e9);
     ports_.left.set_torque_scale(parameters_.drive.left.torque_scale);
     ports_.right.set_torque_scale(parameters_.drive.right.torque_scale);
@@ -144,7 +146,7 @@ void Cycle::observe() {
     if (host_.events().external_pose) {
         odometry_.fuse(host_.external_pose.value);
         slip_.compare(host_.external_pose.value.heading_rad, odometry_.bare_pose().heading_rad,
-                      time_.scheduled_ns, parameters_.adaptation.slip_yaw_rate_rad_per_s);
+                      time_.scheduled_ns, slip_limit_rad_per_s_);
     }
 
     angles_known_ =
@@ -202,6 +204,7 @@ void Cycle::judge_conditions() {
     const bool left_by_itself = either_failed(drivers::DriveFault::left_armed);
     c.drive_error = either(DriveState::fault) && !left_by_itself;
     c.drive_silent = either(DriveState::silent);
+    c.path_known = !control_.pace().running();
     c.drives_armed = left_state == DriveState::armed && right_state == DriveState::armed;
     c.drive_disarmed_itself = left_by_itself || (was_armed_ && drives_wanted_ && !c.drives_armed);
     was_armed_ = c.drives_armed;
@@ -241,8 +244,10 @@ void Cycle::obey() {
     supervisor_.start();
     const HostEvents& events = host_.events();
     if (events.ident) ident_settings_ = *events.ident;
-    if (events.trajectory) control_.select_trajectory(*events.trajectory);
-    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none) {
+    const bool on_path = supervisor_.mode() == Mode::trajectory || supervisor_.mode() == Mode::adaptive;
+    if (events.trajectory && !on_path) control_.select_trajectory(*events.trajectory);
+    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none &&
+        !supervisor_.wants_armed()) {
         ports_.left.request_clear_errors();
         ports_.right.request_clear_errors();
     }
@@ -394,14 +399,23 @@ WheelPair<double> Cycle::identify(const MotionInputs& now) {
 }
 
 void Cycle::learn() {
-    if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) return;
+    const bool waited = adapted_since_ > 0;
+    long_cycle_ = false;
+    if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) {
+        adapted_since_ = 0;
+        return;
+    }
     const bool saturated = output_.limits.has(control::Limiter::torque_sum) ||
                            output_.limits.has(control::Limiter::torque_difference);
-    const bool busy = host_.events().external_pose;  // fusing it is the other long calculation
-    const bool slipping = slip_.slipping(time_.scheduled_ns);
-    if (learning_.adapt(sample_, !saturated && !slipping, busy)) {
+    // Fusing a pose, learning and handing over are all long: the model follows some cycles later.
+    const bool busy = host_.events().external_pose;
+    if (waited && (!busy || ++adapted_since_ > 3)) {
         control_.change_model(learning_.adapted_dynamics(), learning_.adapted_effects(), observer_.motion());
+        adapted_since_ = 0;
     }
+    const bool may_adapt = !saturated && !slip_.slipping(time_.scheduled_ns);
+    if (learning_.adapt(sample_, may_adapt, busy) && adapted_since_ == 0) adapted_since_ = 1;
+    long_cycle_ = waited || adapted_since_ == 1;
 }
 
 // Nothing that is not a number, and nothing over the limit, leaves this function.
@@ -425,7 +439,7 @@ void Cycle::send(std::int64_t) {
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
     for (const hal::CanFrame& frame : outbox_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
 
-    const Telemetry::Turn turn = telemetry_.next(cycle_);
+    const Telemetry::Turn turn = long_cycle_ ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
     hal::CanFrame frame;
     if (telemetry_.build(turn, report_, frame)) {
@@ -493,6 +507,18 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             break;
         case ReportPart::ident:
             r.ident = learning_.status();
+            break;
+        case ReportPart::ident_sizing:
+            r.ident_quantities =
+                ident_quantities(learning_.run().sizing(), learning_.run().probe().findings());
+            break;
+        case ReportPart::drives:
+            r.drive_generation = static_cast<std::uint8_t>(parameters_.drive.generation);
+            r.drive_error_bits = {ports_.left.feedback().error_bits, ports_.right.feedback().error_bits};
+            break;
+        case ReportPart::pace:
+            r.pace = control_.told_pace();
+            r.pace_known = conditions_.model_known && conditions_.path_known;
             break;
         case ReportPart::timing:
             r.timing.wake_latency_last_us = microseconds(time_.wake_latency_ns());

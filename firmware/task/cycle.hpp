@@ -132,6 +132,8 @@ class Cycle {
     Learning::Sample sample_;
     Telemetry telemetry_;
     CycleReport report_;
+    bool long_cycle_ = false;  // telemetry waits
+    int adapted_since_ = 0;    // cycles that a new model waits for the controllers; 0: none does
     OverrunMonitor overrun_;
     BusMeter drive_meter_;
     BusMeter host_meter_;
@@ -149,6 +151,7 @@ class Cycle {
     MotionOutput output_;
     WheelPair<double> sent_torque_Nm_;
     bool effects_measured_ = false;
+    double slip_limit_rad_per_s_ = 0;
     bool angles_known_ = false;
     std::int64_t sample_age_ns_ = 0;
     bool was_armed_ = false;

@@ -16,8 +16,11 @@ bool same_request(const control::LoopDesignRequest<double>& a, const control::Lo
            a.encoder_period_s == b.encoder_period_s;
 }
 
-// Paths that start at rest get up to pace over this time, or a quarter of their period.
-constexpr double kPathRamp_s = 1.0;
+// Paths that start at rest get up to pace over this share of their period. What that asks for is looked at
+// with the rest of the path.
+constexpr double kRampShare = 0.25;
+// Points of a path whose pace is looked at in one cycle.
+constexpr int kPacePoints = 2;
 
 }  // namespace
 
@@ -27,8 +30,9 @@ void MotionControl::configure(const model::RobotParameters& parameters) {
     limiter_.configure(parameters.limits.acceleration_m_per_s2,
                        parameters.limits.yaw_acceleration_rad_per_s2);
     pose_.configure(control::pose_control_settings<double>(parameters));
-    tracker_.configure(control::tracking_settings<double>(parameters));
-    if (path_.period_s == 0) select_trajectory({});
+    pace_limits_ = control::pace_limits<double>(parameters);
+    tracker_.configure(pace_limits_.tracking);
+    select_trajectory(command_);
     const auto request = control::loop_design_request<double>(parameters, kCyclePeriod_s);
     if (!same_request(request, request_) || design_.status() == control::DesignStatus::none) {
         request_ = request;
@@ -46,10 +50,16 @@ void MotionControl::finish_design() {
          ++i) {
         step_design();
     }
+    while (pace_.running()) step_pace();
 }
 
+void MotionControl::step_pace() { pace_.step(plant_, pace_limits_); }
+
 void MotionControl::step_design() {
-    if (design_.status() != control::DesignStatus::running) return;
+    if (design_.status() != control::DesignStatus::running) {
+        for (int i = 0; i < kPacePoints && pace_.running(); ++i) step_pace();
+        return;
+    }
     design_.step();
     if (design_.accepted()) {
         gains_ = design_.result().gains;
@@ -69,23 +79,31 @@ void MotionControl::change_model(const model::Dynamics<double>& dynamics,
 }
 
 void MotionControl::select_trajectory(const protocol::TrajectoryCommand& command) {
-    streamed_selected_ = command.shape == protocol::TrajectoryShape::streamed;
-    path_ = control::standard_figure_eight<double>(parameters_);
-    if (!streamed_selected_) path_.kind = static_cast<control::PathKind>(command.shape);
-    if (command.length_m != 0) path_.length_m = command.length_m;
-    if (command.width_m != 0) path_.width_m = command.width_m;
-    if (command.period_s != 0) path_.period_s = command.period_s;
-    if (path_.kind != control::PathKind::figure_eight) {
-        path_.ramp_s = std::min(kPathRamp_s, path_.period_s / 4);
-    }
+    command_ = command;
+    control::PathSettings<double> path = control::standard_figure_eight<double>(parameters_);
+    if (!streamed()) path.kind = static_cast<control::PathKind>(command.shape);
+    if (command.length_m != 0) path.length_m = command.length_m;
+    if (command.width_m != 0) path.width_m = command.width_m;
+    if (command.period_s != 0) path.period_s = command.period_s;
+    if (path.kind != control::PathKind::figure_eight) path.ramp_s = kRampShare * path.period_s;
+    pace_.begin(path);
 }
 
-void MotionControl::start_trajectory(const MotionInputs& now) {
-    // The figure-8 lies in the fixed frame, as in Fig. 20; the other paths begin where the robot stands.
-    path_.origin = path_.kind == control::PathKind::figure_eight ? Pose<double>{} : now.pose;
+protocol::TrajectoryPace MotionControl::told_pace() const {
+    protocol::TrajectoryPace told;
+    told.shape = command_.shape;
+    if (streamed()) return told;
+    told.limited_by = static_cast<protocol::PaceLimit>(pace_.limited_by());
+    told.asked_period_s = pace_.asked().period_s;
+    told.period_s = pace_.period_s();
+    return told;
+}
+
+// The figure-8 lies in the fixed frame, as in Fig. 20; the other paths begin where the robot stands.
+void MotionControl::begin_path(const MotionInputs& now) {
+    path_ = pace_.path();
+    if (path_.kind != control::PathKind::figure_eight) path_.origin = now.pose;
     trajectory_start_ns_ = now.now_ns;
-    streamed_.reset();
-    streamed_time_ns_ = 0;
 }
 
 // The loops take over from whatever drove last; where they drove themselves, they simply go on.
@@ -105,7 +123,10 @@ void MotionControl::enter(protocol::Mode mode, const MotionInputs& now) {
         case protocol::Mode::trajectory:
         case protocol::Mode::adaptive:
             tracker_.start(now.motion.twist);
-            start_trajectory(now);
+            limiter_.reset(now.motion.twist);
+            trajectory_start_ns_ = 0;
+            streamed_.reset();
+            streamed_time_ns_ = 0;
             break;
         default:
             break;
@@ -138,7 +159,7 @@ MotionOutput MotionControl::follow(const MotionInputs& now, const Twist<double>&
 MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host) {
     MotionOutput out;
     control::ReferencePoint<double> point;
-    if (streamed_selected_) {
+    if (streamed()) {
         if (host.streamed.received && host.streamed.time_ns != streamed_time_ns_) {
             streamed_time_ns_ = host.streamed.time_ns;
             streamed_.push(host.streamed.value.pose, host.streamed.value.twist, streamed_time_ns_);
@@ -146,6 +167,10 @@ MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host)
         if (!streamed_.valid()) return follow(now, {});
         point = streamed_.at(now.now_ns);
     } else {
+        if (trajectory_start_ns_ == 0) {
+            if (pace_.running()) return follow(now, limiter_.now());
+            begin_path(now);
+        }
         point = control::path_point(path_, 1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_));
     }
     const auto command = tracker_.update(point, now.pose, now.elapsed_s);

@@ -9,6 +9,7 @@
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/control/limits.hpp"
 #include "firmware/control/loop_design.hpp"
+#include "firmware/control/path_pace.hpp"
 #include "firmware/control/pose_control.hpp"
 #include "firmware/control/tracking.hpp"
 #include "firmware/control/trajectory.hpp"
@@ -41,9 +42,9 @@ class MotionControl {
     // changed; until it is accepted the former gains stay.
     void configure(const model::RobotParameters& parameters);
 
-    // Completes a design that configure() began; start-up only.
+    // Completes what configure() began, the loops' design and the path's pace; start-up only.
     void finish_design();
-    // One bounded piece of a design under way.
+    // One bounded piece of them.
     void step_design();
     bool design_accepted() const { return design_accepted_; }
     const control::LoopDesign<double>& design() const { return design_; }
@@ -53,12 +54,18 @@ class MotionControl {
     void change_model(const model::Dynamics<double>& dynamics, const model::EffectSet<double>& effects,
                       const model::Motion<double>& measured);
 
-    // What the trajectory modes follow; takes effect at once, and its time begins with start_trajectory().
+    // What the trajectory modes follow, from when they are entered; some tens of cycles after this call the
+    // path's pace is known. Where the mode comes before that, the robot goes on as it moves until then. Not
+    // for while they drive.
     void select_trajectory(const protocol::TrajectoryCommand& command);
-    // Of the selected trajectory; 0: it is streamed.
-    double lap_s() const { return streamed_selected_ ? 0 : path_.period_s; }
+    // Of the selected path, as far as its pace is known; 0: it is streamed.
+    double lap_s() const { return streamed() ? 0 : pace_.period_s(); }
+    // When the path began that is driven now; 0: not yet.
     std::int64_t trajectory_start_ns() const { return trajectory_start_ns_; }
-    bool streamed() const { return streamed_selected_; }
+    bool streamed() const { return command_.shape == protocol::TrajectoryShape::streamed; }
+    // The selected path's pace. Its path() is what is driven, but for the place where it begins.
+    const control::PathPace<double>& pace() const { return pace_; }
+    protocol::TrajectoryPace told_pace() const;
 
     // Call in the cycle that enters a mode, before torque().
     void enter(protocol::Mode mode, const MotionInputs& now);
@@ -77,7 +84,8 @@ class MotionControl {
     MotionOutput open_loop(const WheelPair<double>& wanted_Nm) const;
     MotionOutput follow(const MotionInputs& now, const Twist<double>& wanted);
     MotionOutput track(const MotionInputs& now, const HostLink& host);
-    void start_trajectory(const MotionInputs& now);
+    void begin_path(const MotionInputs& now);
+    void step_pace();
     void use_gains();
     void take_over(const MotionInputs& now);
 
@@ -94,8 +102,10 @@ class MotionControl {
     control::TrajectoryTracker<double> tracker_;
     control::StreamedReference<double> streamed_;
     std::int64_t streamed_time_ns_ = 0;
-    control::PathSettings<double> path_;
-    bool streamed_selected_ = false;
+    protocol::TrajectoryCommand command_;
+    control::PathPace<double> pace_;
+    control::PaceLimits<double> pace_limits_;
+    control::PathSettings<double> path_;  // driven
     std::int64_t trajectory_start_ns_ = 0;
 };
 

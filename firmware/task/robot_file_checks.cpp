@@ -88,11 +88,11 @@ void above(Diagnostics& diagnostics, const Quantity& quantity, const Quantity& b
 
 // A note when `quantity` is larger than `bound`.
 void not_above(Diagnostics& diagnostics, const Quantity& quantity, const Quantity& bound,
-               std::string_view unit, std::string_view lead = "") {
+               std::string_view unit) {
     if (quantity.value <= bound.value) return;
-    diagnostics.note(quantity.key, std::string(lead) + quantity_text(quantity.value, unit) +
-                                       ", more than the " + quantity_text(bound.value, unit) + " of " +
-                                       bound.key + ", which will be the limit");
+    diagnostics.note(quantity.key, quantity_text(quantity.value, unit) + ", more than the " +
+                                       quantity_text(bound.value, unit) + " of " + bound.key +
+                                       ", which will be the limit");
 }
 
 void check_drives(const model::RobotParameters& p, Diagnostics& diagnostics) {
@@ -129,8 +129,9 @@ void check_limits(const model::RobotParameters& p, Diagnostics& diagnostics) {
     above(diagnostics, over_speed, {"ident.speed_limit_m_per_s", p.ident.speed_limit_m_per_s}, "m/s");
     above(diagnostics, over_yaw_rate, {"ident.yaw_rate_limit_rad_per_s", p.ident.yaw_rate_limit_rad_per_s},
           "rad/s");
-    above(diagnostics, {"pose_control.rearm_radius_m", p.pose_control.rearm_radius_m},
-          {"pose_control.stop_radius_m", p.pose_control.stop_radius_m}, "m");
+    if (p.pose_control.rearm_radius_m > 0 && p.pose_control.stop_radius_m > 0)
+        above(diagnostics, {"pose_control.rearm_radius_m", p.pose_control.rearm_radius_m},
+              {"pose_control.stop_radius_m", p.pose_control.stop_radius_m}, "m");
 }
 
 void check_lines(const RobotFile& robot, Diagnostics& diagnostics) {
@@ -194,12 +195,6 @@ void note_limited(const model::RobotParameters& p, Diagnostics& diagnostics) {
     not_above(diagnostics, {"pose_control.speed_m_per_s", p.pose_control.speed_m_per_s}, speed, "m/s");
     not_above(diagnostics, {"pose_control.yaw_rate_rad_per_s", p.pose_control.yaw_rate_rad_per_s}, yaw_rate,
               "rad/s");
-    // Gerono's figure-8, x = L/2 sin wt, y = W/2 sin 2wt, is fastest in the middle.
-    const double rate_rad_per_s = 2 * 3.14159265358979323846 / p.trajectory.period_s;
-    const double fastest_m_per_s =
-        rate_rad_per_s * std::hypot(p.trajectory.length_m / 2, p.trajectory.width_m);
-    not_above(diagnostics, {"trajectory.period_s", fastest_m_per_s}, speed, "m/s",
-              "the standard figure-8 asks for ");
 }
 
 void note_effects_not_estimated(const model::RobotParameters& p, Diagnostics& diagnostics) {

@@ -8,12 +8,26 @@
 #include <cmath>
 #include <cstdint>
 
+#include "firmware/model/robot_parameters.hpp"
 #include "firmware/model/types.hpp"
 
 namespace wheelwright::task {
 
 class SlipWatch {
   public:
+    // The robot file's limit. "auto": the difference of two external headings a window apart is within six of
+    // its standard deviations, and wheels that do not slip are wrong by less than a 20th of the yaw rate
+    // (track and radii are measured to half a percent).
+    static double limit_rad_per_s(const model::RobotParameters& from) {
+        constexpr double kSigmas = 6;
+        constexpr double kGeometryShare = 0.05;
+        const double given = from.adaptation.slip_yaw_rate_rad_per_s;
+        const double noise = 1.4142135623730951 * from.odometry.external_heading_noise_rad;
+        return given > 0 ? given
+                         : kSigmas * noise / (1e-9 * double(kWindow_ns)) +
+                               kGeometryShare * from.limits.yaw_rate_rad_per_s;
+    }
+
     // An external heading and the heading by wheels alone, both at `now_ns`. Over windows of kWindow_ns, so
     // that the external pose's noise does not look like slip.
     void compare(double external_heading_rad, double wheels_heading_rad, std::int64_t now_ns,

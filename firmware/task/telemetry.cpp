@@ -47,6 +47,12 @@ ReportPart part_of(std::uint32_t id) {
             return ReportPart::effects;
         case protocol::IdentStatus::id:
             return ReportPart::ident;
+        case protocol::IdentSizing::id:
+            return ReportPart::ident_sizing;
+        case protocol::DriveError::id:
+            return ReportPart::drives;
+        case protocol::TrajectoryPace::id:
+            return ReportPart::pace;
         case protocol::Timing::id:
             return ReportPart::timing;
         case protocol::BusLoad::id:
@@ -65,7 +71,8 @@ Telemetry::Telemetry() : slots_{} {
     constexpr auto kPeriods =
         periods<Status, Counters, WheelState, Odometry, BodyState, TrackingError, EstimateK5K7, EstimateK6K8,
                 StandardErrorK5K7, StandardErrorK6K8, CovarianceK5K7, CovarianceK6K8, EffectEstimate,
-                EffectStandardError, IdentStatus, Timing, BusLoad, LoopDesign>();
+                EffectStandardError, IdentStatus, Timing, BusLoad, LoopDesign, DriveError, TrajectoryPace,
+                IdentSizing>();
     static_assert(kPeriods.size() == kSlots);
     // Spread over the shortest period, so that the frames of one period do not fall due together.
     for (std::size_t i = 0; i < kSlots; ++i) {
@@ -220,6 +227,24 @@ bool Telemetry::build_message(std::uint32_t id, const CycleReport& r, Frame& out
             return put(r.bus_load, out);
         case protocol::LoopDesign::id:
             return put(r.design, out);
+        case protocol::DriveError::id: {
+            protocol::DriveError error;
+            error.wheel = static_cast<protocol::Wheel>(drive_turn_);
+            error.generation = r.drive_generation;
+            error.error = r.drive_error_bits[drive_turn_];
+            drive_turn_ = 1 - drive_turn_;
+            return put(error, out);
+        }
+        case protocol::TrajectoryPace::id:
+            return r.pace_known && put(r.pace, out);
+        case protocol::IdentSizing::id: {
+            if (r.ident.phase == protocol::IdentPhase::off) return false;
+            protocol::IdentSizing sizing;
+            sizing.quantity = static_cast<protocol::IdentQuantity>(quantity_turn_);
+            sizing.value = narrow(r.ident_quantities[quantity_turn_]);
+            quantity_turn_ = (quantity_turn_ + 1) % r.ident_quantities.size();
+            return put(sizing, out);
+        }
         default:
             return false;
     }

@@ -32,12 +32,15 @@ enum class ReportPart : std::uint8_t {
     estimate,
     effects,
     ident,
+    ident_sizing,
+    drives,
+    pace,
     timing,
     bus_load,
     design,
     counters,
 };
-inline constexpr std::size_t kReportParts = 9;
+inline constexpr std::size_t kReportParts = 12;
 
 struct CycleReport {
     protocol::Status status;
@@ -53,6 +56,11 @@ struct CycleReport {
     std::array<EffectReport, model::kMaxEstimatedColumns> effects;
     std::size_t effect_count = 0;
     protocol::IdentStatus ident;
+    std::array<double, protocol::ident_quantity_values.size()> ident_quantities{};
+    std::uint8_t drive_generation = 0;
+    std::array<std::uint32_t, 2> drive_error_bits{};  // left, right
+    protocol::TrajectoryPace pace;
+    bool pace_known = false;
     protocol::Timing timing;
     protocol::BusLoad bus_load;
     protocol::LoopDesign design;
@@ -89,7 +97,7 @@ class Telemetry {
         std::uint64_t due;
         ReportPart part;
     };
-    static constexpr std::size_t kSlots = 18;
+    static constexpr std::size_t kSlots = 21;
 
     bool build_message(std::uint32_t id, const CycleReport& report, Frame& out);
 
@@ -103,6 +111,8 @@ class Telemetry {
     std::size_t counter_turn_ = 0;
     std::size_t effect_turn_ = 0;
     std::size_t effect_error_turn_ = 0;
+    std::size_t drive_turn_ = 0;
+    std::size_t quantity_turn_ = 0;
     std::uint8_t alive_ = 0;
 };
 

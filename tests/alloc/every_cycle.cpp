@@ -390,6 +390,11 @@ void fail_in_every_way(Visit& visit) {
     visit.host().emergency_stop();  // in idle
     visit.run(10);
     visit.recover();
+    visit.world().left().raise_error(0x2);  // in idle: it stays until somebody clears it
+    visit.run(200);
+    visit.host().mode(Mode::velocity);
+    visit.run(10);
+    visit.recover();
     visit.rig().stop_line().set(hal::LineLevel::active);
     visit.host().mode(Mode::velocity);
     visit.run(10);

@@ -137,6 +137,56 @@ TEST(ChainModes, arming_is_refused_when_the_drives_watchdog_is_not_known_to_be_o
     CHECK(sim.cycle().supervisor().blocker() == protocol::Blocker::watchdog_not_confirmed);
 }
 
+// The story: the drives' errors were cleared by every arming, so that a robot whose drive had been stopped by
+// hand drove off as if nothing had been.
+TEST(ChainModes, a_drives_error_from_before_is_named_and_holds_the_robot_until_it_is_cleared) {
+    struct Case {
+        int generation;
+        std::uint32_t error;  // of each, an emergency stop and a fault
+    };
+    for (const Case& one : {Case{5, 0x4000}, Case{5, 0x100}, Case{6, 0x0200'0000}, Case{6, 0x200}}) {
+        for (const bool is_left : {true, false}) {
+            for (const bool reported :
+                 {true, false}) {  // and when it is too new for any heartbeat to show it
+                model::RobotParameters p = chain::identified();
+                model::RobotParameters truth = chain::real().parameters;
+                p.drive.generation = truth.drive.generation = one.generation;
+                p.drive.watchdog_assured = true;
+                Simulation sim(p, truth, chain::options(21));
+                sim::SimOdrive& broken = is_left ? sim.world().left() : sim.world().right();
+                sim.run_for(0.5);
+                broken.raise_error(one.error);
+                if (reported) sim.run_for(0.2);
+                sim.host().velocity({0.3, 0});
+                CHECK_FALSE(enter_mode(sim, Mode::velocity));
+                CHECK(sim.cycle().supervisor().blocker() == protocol::Blocker::drive_error);
+                CHECK(sim.cycle().supervisor().mode() == (reported ? Mode::idle : Mode::fault));
+                sim.run_for(0.2);
+                CHECK_EQUAL(one.error, broken.error_bits() & one.error);
+                CHECK_EQUAL(one.error, sim.cycle().report().drive_error_bits[is_left ? 0 : 1] & one.error);
+                CHECK_EQUAL(0U, sim.cycle().report().drive_error_bits[is_left ? 1 : 0] & one.error);
+                CHECK_FALSE(sim.world().left().armed() || sim.world().right().armed());
+                CHECK(std::abs(sim.world().twist().v_m_per_s) < 1e-3);
+
+                sim.host().clear_fault();
+                sim.run_for(0.005);
+                CHECK(enter_mode(sim, Mode::velocity));  // the same breath
+                sim.run_for(0.5);
+                CHECK(std::abs(sim.world().twist().v_m_per_s - 0.3) < 0.02);
+            }
+        }
+    }
+}
+
+TEST(ChainModes, clearing_a_fault_that_is_none_does_not_stop_a_robot_that_drives) {
+    Simulation sim(chain::identified(), chain::real().parameters, chain::options(22));
+    cruise(sim);
+    sim.host().clear_fault();
+    sim.run_for(0.3);
+    CHECK(sim.cycle().supervisor().mode() == Mode::velocity);
+    CHECK(std::abs(sim.world().twist().v_m_per_s - 0.5) < 0.02);
+}
+
 TEST(ChainModes, the_drives_watchdog_stops_the_wheels_when_the_firmware_dies) {
     Simulation sim(chain::identified(), chain::real().parameters, chain::options(6));
     cruise(sim);

@@ -3,7 +3,8 @@
 
     lint_dbc.py FILE.dbc...
 
-Each message and signal has a comment; each signal a range, and a unit unless it is on the list below; cyclic
+Each message and signal has a comment; each signal a range, and a unit unless it is on the list below (a multiplexed one
+may have one, for its branches share one field); cyclic
 messages have a cycle time and others have none; ids are unique and no signals overlap; each value table is used.
 """
 import contextlib
@@ -15,7 +16,7 @@ with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.St
 
 # Signals without a unit on purpose: numbers, counts, bit fields, ratios, and values whose unit is the parameter's.
 UNITLESS = set("""
-    Crc Alive Index Value Samples MissedCycles TelemetryDeferred ReceiveOverflow SendRefused SensitivityPeak
+    Crc Alive Index Value Generation Error Samples MissedCycles TelemetryDeferred ReceiveOverflow SendRefused SensitivityPeak
     Protocol_Version Hw_Version_Major Hw_Version_Minor Hw_Version_Variant
     Fw_Version_Major Fw_Version_Minor Fw_Version_Revision Fw_Version_Unreleased
     Procedure_Result Motor_Error Endpoint_ID Reserved Reserved0 Reserved1 Identify
@@ -47,8 +48,8 @@ def lint(path):
                 yield f"{name}: no comment"
             if signal.min is None or signal.max is None or signal.min >= signal.max:
                 yield f"{name}: no range"
-            plain = signal.values or signal.size == 1 or signal.mux_val is not None or signal.name in UNITLESS
-            if bool(signal.unit) == bool(plain):
+            plain = signal.values or signal.size == 1 or signal.name in UNITLESS
+            if signal.mux_val is None and bool(signal.unit) == bool(plain):
                 yield f"{name}: unit '{signal.unit}' (list it as unit-less if it has none on purpose)"
             for bit in range(signal.start_bit, signal.start_bit + signal.size):
                 for other in taken.setdefault(bit, []):

@@ -98,7 +98,8 @@ TEST(OdriveAgainstSim, both_generations_arm_and_stay_armed) {
         Bench b(parameters(generation));
         const int taken = b.arm();
         std::printf("generation 0.%d armed in %d ms\n", generation, taken);
-        CHECK(taken < 130);  // a heartbeat period and the steps
+        // A heartbeat period and the steps; where the watchdog runs while idle, the heartbeat's time-out too.
+        CHECK(taken < (generation == 5 ? 130 + 350 : 130));
         b.cycles(1000, 0.1, 0.1);
         CHECK(b.left.state() == DriveState::armed && b.right.state() == DriveState::armed);
         CHECK_EQUAL(0U, b.world.left().bad_frames() + b.world.right().bad_frames());

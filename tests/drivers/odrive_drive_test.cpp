@@ -52,7 +52,7 @@ OdriveConfig config(OdriveGeneration generation) {
 
 // A driver with a clock of its own, and the frames it has sent.
 struct Bench {
-    explicit Bench(const OdriveConfig& c) : drive(c) {}
+    explicit Bench(const OdriveConfig& c) : drive(c), older(c.generation == OdriveGeneration::v0_5) {}
 
     void cycle() {
         now += kMs;
@@ -73,6 +73,11 @@ struct Bench {
         heartbeat(1);
         cycle();
         drive.request_arm();
+        if (older) {  // waits for a heartbeat that is younger than the request, and for its time-out
+            cycles(200);
+            heartbeat(1);
+            cycles(150);
+        }
         cycles(6);
         heartbeat(8);
         cycle();
@@ -94,6 +99,7 @@ struct Bench {
     }
 
     OdriveDrive drive;
+    bool older;
     Recorder sent;
     std::int64_t now = 1000 * kMs;
 };
@@ -111,9 +117,15 @@ TEST(OdriveArming, generation_0_5_sends_the_documented_order_one_step_in_a_cycle
     CHECK(b.drive.state() == DriveState::idle);
     b.drive.request_arm();
     b.check_sent({});
-    b.cycle();
-    b.check_sent({frame(0x078, {})});
+    // Feeds its watchdog until heartbeats have told what is wrong now, here and on the board's other axis.
+    b.cycles(200);
+    b.heartbeat(1, 0x08);  // it had expired
+    b.cycles(151);
+    for (std::size_t i = 0; i < b.sent.count; ++i) CHECK_EQUAL(0x06EU, b.sent.frames[i].id);
+    b.sent.count = 0;
     CHECK(b.drive.state() == DriveState::arming);
+    b.cycle();
+    b.check_sent({frame(0x078, {}), frame(0x06E, kZero8)});
     b.cycle();
     b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
     b.cycle();
@@ -137,8 +149,8 @@ TEST(OdriveArming, generation_0_6_reads_the_watchdog_before_closed_loop) {
     b.heartbeat(1);
     b.cycle();
     b.drive.request_arm();
-    b.cycles(3);
-    b.check_sent({frame(0x078, {0}), frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0}), frame(0x06E, kZero8)});
+    b.cycles(2);
+    b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0}), frame(0x06E, kZero8)});
     b.cycle();
     b.check_sent({frame(0x064, {0, 0x23, 0x01, 0, 0, 0, 0, 0}), frame(0x06E, kZero8)});
     b.cycles(5);
@@ -260,7 +272,7 @@ TEST(OdriveArming, a_heartbeat_from_before_the_request_does_not_arm) {
     b.heartbeat(1);
     b.cycle();
     b.drive.request_arm();
-    b.cycles(4);  // the fourth cycle asks for closed loop
+    b.cycles(3);  // the third cycle asks for closed loop
     CHECK(b.drive.accept({frame(0x061, {0, 0, 0, 0, 8, 0, 0, 0}), b.now - 1}));
     CHECK(b.drive.state() == DriveState::arming);
     b.heartbeat(8);
@@ -280,33 +292,106 @@ TEST(OdriveArming, an_axis_found_running_is_made_idle_first) {
     b.check_sent({});
     b.heartbeat(1);
     b.cycle();
-    b.check_sent({frame(0x078, {0})});
+    b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
 }
 
-TEST(OdriveArming, an_error_that_survives_clearing_refuses) {
+// The story: Clear_Errors was the first step of every arming, so that a drive's emergency stop from before
+// was cleared in silence and driven off.
+TEST(OdriveArming, an_old_error_refuses_and_is_not_cleared_until_somebody_asks_for_it) {
+    for (const OdriveGeneration generation : {OdriveGeneration::v0_5, OdriveGeneration::v0_6}) {
+        Bench b(config(generation));
+        b.heartbeat(1, 0x02);
+        b.cycle();
+        CHECK(b.drive.state() == DriveState::fault);
+        CHECK(b.drive.fault() == DriveFault::error);
+        b.drive.request_arm();
+        b.cycles(20);
+        CHECK(b.drive.refusal() == ArmRefusal::drive_error);
+        CHECK(b.drive.state() == DriveState::fault);
+        CHECK_EQUAL(0x200U, b.drive.feedback().error_bits);
+        b.check_sent({});
+        b.drive.request_clear_errors();
+        b.cycle();
+        CHECK_EQUAL(1U, b.sent.count);
+        CHECK_EQUAL(0x078U, b.sent.frames[0].id);
+        b.heartbeat(1, 0x02);  // perhaps written before the clearing was obeyed
+        CHECK(b.drive.state() == DriveState::arming);
+        b.cycles(10);
+        b.heartbeat(1);
+        CHECK(b.drive.state() == DriveState::idle);
+        b.arm();
+    }
+}
+
+TEST(OdriveArming, an_error_that_survives_clearing_refuses_an_arming_that_waits_for_it) {
     Bench b(config(OdriveGeneration::v0_6));
-    b.heartbeat(1, 0x02);  // 0x200: dc_bus_under_voltage
+    b.heartbeat(1, 0x02);
+    b.cycle();
+    b.drive.request_clear_errors();
+    b.cycle();
+    b.sent.count = 0;
+    b.drive.request_arm();
+    b.cycles(10);
+    b.check_sent({});
+    CHECK(b.drive.state() == DriveState::arming);
+    CHECK(b.drive.refusal() == ArmRefusal::none);
+    b.heartbeat(1, 0x02);
+    b.cycle();
+    CHECK(b.drive.refusal() == ArmRefusal::drive_error);
+    b.check_sent({});
+}
+
+TEST(OdriveArming, an_error_that_comes_while_arming_refuses) {
+    Bench fed(config(OdriveGeneration::v0_5));
+    fed.heartbeat(1);
+    fed.cycle();
+    fed.drive.request_arm();
+    fed.cycles(7);
+    fed.heartbeat(1, 0x40);  // an emergency stop since the last heartbeat
+    fed.sent.count = 0;
+    fed.cycles(5);
+    CHECK(fed.drive.refusal() == ArmRefusal::drive_error);
+    fed.check_sent({});
+    Bench asked(config(OdriveGeneration::v0_6));
+    asked.heartbeat(1);
+    asked.cycle();
+    asked.drive.request_arm();
+    asked.cycles(10);
+    asked.heartbeat(1, 0x02);  // why it does not enter closed loop
+    CHECK(asked.drive.refusal() == ArmRefusal::drive_error);
+}
+
+// 0.6 may send active_errors and disarm_reason by themselves (error_msg_rate_ms).
+TEST(OdriveArming, a_disarm_reason_that_the_heartbeat_does_not_show_refuses) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.receive(0x063, {0, 0, 0, 0, 0, 0, 0, 0x02});  // estop_requested
     b.cycle();
     CHECK(b.drive.state() == DriveState::fault);
-    CHECK(b.drive.fault() == DriveFault::error);
+    CHECK_EQUAL(0x02000000U, b.drive.feedback().error_bits);
     b.drive.request_arm();
-    b.cycles(4);
-    b.heartbeat(1, 0x02);  // perhaps written before the clearing was obeyed
-    CHECK(b.drive.state() == DriveState::arming);
-    b.cycles(10);
-    b.heartbeat(1, 0x02);
+    b.cycle();
     CHECK(b.drive.refusal() == ArmRefusal::drive_error);
-    CHECK(b.drive.state() == DriveState::fault);
+    b.drive.request_clear_errors();
+    b.cycles(10);
+    b.receive(0x063, kZero8);
+    b.heartbeat(1);
+    CHECK(b.drive.state() == DriveState::idle);
+    b.arm();
 }
 
 TEST(OdriveArming, arming_times_out_and_takes_the_request_back) {
     OdriveConfig c = config(OdriveGeneration::v0_5);
     c.arming_timeout_s = 0.05;
+    c.heartbeat_timeout_s = 0.02;
     Bench b(c);
     b.heartbeat(1);
     b.cycle();
     b.drive.request_arm();
-    b.cycles(50);
+    for (int i = 0; i < 50; ++i) {
+        if (i % 10 == 9) b.heartbeat(1);
+        b.cycle();
+    }
     b.heartbeat(1);
     b.sent.count = 0;
     b.cycles(3);

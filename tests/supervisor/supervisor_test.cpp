@@ -150,6 +150,7 @@ TEST(SupervisorEntry, each_requirement_is_named_and_a_refusal_changes_nothing) {
     for (Mode mode : kDrivingModes) {
         refused(mode, &Conditions::stop_line_active, true, Blocker::stop_line_active);
         refused(mode, &Conditions::drive_silent, true, Blocker::drives_not_armed);
+        refused(mode, &Conditions::drive_error, true, Blocker::drive_error);
     }
     refused(Mode::ident, &Conditions::moving, true, Blocker::robot_moving);
     for (Mode mode : {Mode::velocity, Mode::pose, Mode::trajectory, Mode::adaptive}) {
@@ -165,6 +166,20 @@ TEST(SupervisorEntry, each_requirement_is_named_and_a_refusal_changes_nothing) {
     for (Mode mode : {Mode::torque, Mode::ident}) {
         Supervisor s = started();
         CHECK(s.request(mode, bare) == Blocker::none);
+    }
+}
+
+TEST(SupervisorEntry, a_path_is_entered_when_its_pace_is_known) {
+    for (Mode mode : kDrivingModes) {
+        Supervisor s = started();
+        Conditions c = armed();
+        c.path_known = false;
+        CHECK(s.request(mode, c) == Blocker::none);
+        for (int i = 0; i < 10; ++i) s.step(c);
+        CHECK_EQUAL(mode != Mode::trajectory && mode != Mode::adaptive, s.may_drive());
+        c.path_known = true;
+        s.step(c);
+        CHECK(s.may_drive());
     }
 }
 
@@ -195,6 +210,14 @@ TEST(SupervisorEntry, arming_that_takes_too_long_or_is_refused_is_a_fault_that_s
     CHECK(unguarded.fault() == Fault::arming_refused);
     CHECK(unguarded.blocker() == Blocker::watchdog_not_confirmed);
     CHECK_FALSE(unguarded.wants_armed());
+
+    Supervisor broken = started();
+    c = healthy();
+    broken.request(Mode::torque, c);
+    c.arming_refused = c.drive_error = true;
+    broken.step(c);
+    CHECK(broken.fault() == Fault::arming_refused);
+    CHECK(broken.blocker() == Blocker::drive_error);
 }
 
 TEST(SupervisorEntry, idle_from_motion_brakes_first) {
@@ -272,7 +295,7 @@ TEST(SupervisorFaults, a_stale_set_point_stops_the_modes_that_have_one) {
     }
 }
 
-TEST(SupervisorFaults, dangers_stop_arming_too_except_what_arming_mends) {
+TEST(SupervisorFaults, dangers_stop_arming_too_except_what_the_drives_answer_for) {
     for (const Danger& danger : kDangers) {
         Supervisor s = started();
         s.request(Mode::torque, healthy());
@@ -280,9 +303,10 @@ TEST(SupervisorFaults, dangers_stop_arming_too_except_what_arming_mends) {
         Conditions c = healthy();
         c.*danger.what = true;
         s.step(c);
-        const bool mended =
+        // Their refusal ends the arming, and says why.
+        const bool answered =
             danger.fault == Fault::drive_error || danger.fault == Fault::drive_left_armed_state;
-        CHECK_TEXT((s.phase() == Phase::arming) == mended, danger.name);
+        CHECK_TEXT((s.phase() == Phase::arming) == answered, danger.name);
         CHECK_FALSE(s.may_drive());
     }
 }

@@ -284,6 +284,14 @@ class Check(unittest.TestCase):
 
 
 class Monitor(unittest.TestCase):
+    def test_a_log_of_an_identification_holds_what_it_found_and_chose(self):
+        with tempfile.NamedTemporaryFile(suffix=".log") as log:
+            self.assertEqual(run("sim", "--log", log.name, "ident")[0], 0)
+            status, out, _ = run("monitor", "--log", log.name)
+        self.assertEqual(status, 0)
+        self.assertRegex(out, r"found: the wheels move at [0-9.]+ Nm \(left\)")
+        self.assertRegex(out, r"chosen: [0-9.]+ Nm in bits of [0-9]+ ms, averaged over [0-9.]+ ms, up to ")
+
     def log(self, *frames):
         """A log of our frames, encoded by canmatrix, 20 ms apart."""
         lines = []

@@ -46,6 +46,8 @@ class Firmware(threading.Thread):
         self.braking_s = 0  # from the request for idle until idle
         self.at_rest = None  # time of that, while it brakes
         self.ending = None
+        self.also = []  # (message, raw values) sent beside Status
+        self.drives = 0  # state of both drives
         self.running = True
         self.start()
 
@@ -86,7 +88,10 @@ class Firmware(threading.Thread):
             if now >= due:
                 due = now + 0.02
                 requested = self.state if self.at_rest is None else 1
-                self.send("Status", encode("Status", State=self.state, Requested=requested, Blocker=self.blocker))
+                self.send("Status", encode("Status", State=self.state, Requested=requested, Blocker=self.blocker,
+                                           DriveLeft=self.drives, DriveRight=self.drives))
+                for name, values in list(self.also):
+                    self.send(name, encode(name, **values))
                 self.step_ident(now)
             try:
                 number, length, data = struct.unpack("=IB3x8s", self.socket.recv(16))
@@ -153,6 +158,37 @@ class OnVcan(unittest.TestCase):
         status, out, _ = run("ctl", "--can", "vcan0", "stop")
         self.assertEqual((status, out), (0, "state fault, blocked by model_not_trusted\n"))
         self.assertEqual(run("ctl", "--can", "vcan0", "clear")[0], 0)
+
+    def test_a_drives_error_is_named_where_a_mode_is_refused_and_where_it_survives_clearing(self):
+        self.firmware.refusal, self.firmware.drives = 13, 4
+        self.firmware.also = [("DriveError", {"Wheel": 0, "Generation": 5, "Error": 0}),
+                              ("DriveError", {"Wheel": 1, "Generation": 5, "Error": 0x4000})]
+        for call in (("mode", "velocity"), ("velocity", "0.1", "0", "--enter", "--for", "0.4")):
+            status, _, err = run("ctl", "--can", "vcan0", *call)
+            self.assertEqual(status, 3)
+            self.assertIn("blocked by drive_error; the right drive reports estop_requested (0x4000); "
+                          "remove the cause, then `wheelwright ctl clear`\n", err)
+        status, _, err = run("ctl", "--can", "vcan0", "clear")
+        self.assertEqual(status, 3)
+        self.assertIn("a drive keeps its error: the right drive reports estop_requested (0x4000)\n", err)
+        self.firmware.drives, self.firmware.also = 1, []
+        self.assertEqual(run("ctl", "--can", "vcan0", "clear")[0], 0)
+
+    def test_a_path_that_is_stretched_is_told_where_it_is_chosen(self):
+        self.firmware.also = [("TrajectoryPace", {"Shape": 0, "AskedPeriod": 800, "Period": 1320, "LimitedBy": 5})]
+        call = ("ctl", "--can", "vcan0", "trajectory", "figure_eight", "--period")
+        self.assertEqual(run(*call, "8"), (0, "the period is 13.20 s in place of 8.00 s, so that limits.torque_Nm "
+                                              "leaves room for feedback\n", ""))
+        self.assertEqual(run(*call, "9"), (0, "", ""))  # nothing is known of this one
+
+    def test_what_the_identification_found_and_chose_is_told_at_its_end(self):
+        names = [s.name for s in DBC.frame_by_name("IdentSizing").signals if s.mux_val is not None and not s.is_multiplexer]
+        self.firmware.also = [("IdentSizing", {"Quantity": i, name: 0.5}) for i, name in enumerate(names)]
+        self.firmware.identify("good_enough")
+        status, out, err = run("ctl", "--can", "vcan0", "mode", "ident")
+        self.assertEqual((status, err), (0, ""))
+        self.assertIn("chosen: 0.5 Nm in bits of 500 ms", out)
+        self.assertIn("found: the wheels move at 0.5 Nm (left) and 0.5 Nm (right)", out)
 
     def test_calls_in_a_row_never_repeat_the_alive_counter(self):
         for _ in range(6):

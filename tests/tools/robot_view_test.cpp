@@ -52,6 +52,66 @@ TEST(RobotView, DrivesThatAreNotArmedComeWithAdvice) {
     CHECK(advised(status, "see drive.watchdog_assured and drive.watchdog_endpoint"));
 }
 
+TEST(RobotView, ADrivesErrorIsNamedByItsGeneration) {
+    tools::RobotView view;
+    protocol::Status status;
+    status.state = protocol::Mode::idle;
+    status.blocker = protocol::Blocker::drive_error;
+    status.drive_right = protocol::DriveState::fault;
+    CHECK(view.accept(frame_of(status), 0));
+    protocol::DriveError error;
+    error.wheel = protocol::Wheel::right;
+    error.generation = 5;
+    error.error = 0x4100;
+    CHECK(view.accept(frame_of(error), 0));
+    CHECK(has(view.screen(0), "the right drive reports encoder_failed, estop_requested (0x4100)\n"));
+    CHECK(has(view.line(0), "blocked by drive_error (the right drive reports encoder_failed"));
+    error.generation = 6;
+    error.error = 0x02000000;
+    error.wheel = protocol::Wheel::left;
+    tools::DriveErrors errors;
+    CHECK(errors.text().empty());
+    errors.take(error);
+    CHECK(
+        tools::advice(status, errors) ==
+        "the left drive reports estop_requested (0x2000000); remove the cause, then `wheelwright ctl clear`");
+}
+
+TEST(RobotView, APathThatIsStretchedIsSaidWithItsReason) {
+    tools::RobotView view;
+    CHECK(view.accept(frame_of(protocol::Status{}), 0));
+    protocol::TrajectoryPace pace;
+    pace.asked_period_s = pace.period_s = 10;
+    CHECK(view.accept(frame_of(pace), 0));
+    CHECK(has(view.screen(0), "path      figure_eight, period 10.00 s\n"));
+    CHECK_FALSE(has(view.screen(0), "leaves room"));
+    pace.period_s = 13.2;
+    pace.limited_by = protocol::PaceLimit::torque;
+    CHECK(view.accept(frame_of(pace), 0));
+    CHECK(has(
+        view.screen(0),
+        "the period is 13.20 s in place of 10.00 s, so that limits.torque_Nm leaves room for feedback\n"));
+}
+
+TEST(RobotView, WhatTheIdentificationFoundAndChoseIsSaidWhenAllOfItIsKnown) {
+    tools::RobotView view;
+    CHECK(view.accept(frame_of(protocol::Status{}), 0));
+    protocol::IdentStatus ident;
+    ident.phase = protocol::IdentPhase::probing;
+    CHECK(view.accept(frame_of(ident), 0));
+    protocol::IdentSizing sizing;
+    for (const protocol::IdentQuantity quantity : protocol::ident_quantity_values) {
+        CHECK_FALSE(has(view.screen(0), "chosen:") && has(view.screen(0), "found:"));
+        sizing.quantity = quantity;
+        sizing.value = 0.25F * static_cast<float>(1 + int(quantity));
+        CHECK(view.accept(frame_of(sizing), 0));
+    }
+    CHECK(has(view.screen(0),
+              "chosen: 0.25 Nm in bits of 500 ms, averaged over 750 ms, up to 1 m/s and 1.25 rad/s"));
+    CHECK(
+        has(view.screen(0), "found: the wheels move at 2 Nm (left) and 2.25 Nm (right) and rub with 2.5 Nm"));
+}
+
 TEST(RobotView, ScreenNamesStateLimitsCountersAndModel) {
     tools::RobotView view;
     CHECK(has(view.screen(0), "nothing heard"));

@@ -17,7 +17,8 @@ How a signal becomes a field (first rule that fits):
 The field's name is the signal's in snake_case plus the suffix of its unit from UNIT_SUFFIXES.
 
 Limits, each an error when exceeded: classic frames (8 bytes), little endian, 32-bit floats, and multiplexed
-messages whose branches all hold one signal of the same layout (they become one field, `value`).
+messages whose branches all hold one signal of the same layout (they become one field, `value`; where their units
+differ, it has none).
 Exit status: 0 done, 1 usage, 2 the DBC cannot be used (each reason on stderr as file: message.signal: reason).
 """
 import argparse
@@ -330,8 +331,7 @@ class Message:
         plain = [s for s in frame.signals if s not in branches]
         self.fields = [Field(s, enums, errors, f"{frame.name}.{s.name}", database) for s in plain]
         if branches:
-            layouts = {(s.start_bit, s.size, s.is_signed, s.factor, s.offset, s.min, s.max, s.unit, s.is_float)
-                       for s in branches}
+            layouts = {(s.start_bit, s.size, s.is_signed, s.factor, s.offset, s.min, s.max, s.is_float) for s in branches}
             selectors = [s.mux_val for s in branches]
             selector = next((f for f in self.fields if f.signal.is_multiplexer), None)
             if len(layouts) != 1 or len(set(selectors)) != len(selectors):
@@ -339,6 +339,8 @@ class Message:
             if selector is None or set(selector.signal.values) != set(selectors):
                 errors.add(frame.name, "the multiplexor needs a value table that names each branch and no other")
             value = Field(branches[0], enums, errors, f"{frame.name}.{branches[0].name}", database)
+            if any((s.unit or "") != value.unit for s in branches):
+                value.unit = ""
             value.name = "_".join(filter(None, ["value", UNIT_SUFFIXES.get(value.unit, "")]))
             self.fields.append(value)
         names = [f.name for f in self.fields]

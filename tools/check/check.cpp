@@ -4,12 +4,16 @@
 #include <cstdio>
 #include <memory>
 
+#include "firmware/control/path_pace.hpp"
+#include "firmware/control/pose_control.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/robot_file.hpp"
+#include "firmware/task/slip_watch.hpp"
 #include "tools/check/parameter_reference.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/message_text.hpp"
 #include "tools/cli/report.hpp"
 
 namespace wheelwright::tools {
@@ -99,6 +103,50 @@ void report_ident(const task::RobotFile& robot, Report& report) {
                100 * p.ident.relative_standard_error, "%");
 }
 
+// What driving comes to with the model of the file.
+void report_driving(const model::RobotParameters& p, Report& report) {
+    report.section("driving", "Driving");
+    if (!model::dynamics_known(p)) {
+        report.add("model", "K7, K8", std::string("not known"), "",
+                   "identify first; what follows from them is not known either");
+        return;
+    }
+    control::PathPace<double> pace;
+    pace.begin(control::standard_figure_eight<double>(p));
+    const auto plant = control::plant_model<double>(p);
+    const auto limits = control::pace_limits<double>(p);
+    while (pace.running()) pace.step(plant, limits);
+    protocol::TrajectoryPace said;
+    said.limited_by = static_cast<protocol::PaceLimit>(pace.limited_by());
+    said.asked_period_s = pace.asked().period_s;
+    said.period_s = pace.path().period_s;
+    report.add("figure_eight_period_s", "standard figure-8, a lap", said.period_s, "s", pace_sentence(said));
+    const auto from = [](double given) { return given > 0 ? "given" : "auto"; };
+    const control::TrackingSettings<double>& t = limits.tracking;
+    report.add("along_gain_per_s", "path, gain along", t.along_gain_per_s, "1/s",
+               from(p.trajectory.along_gain_per_s));
+    report.add("across_gain_per_m2", "path, gain across", t.across_gain_per_m2, "1/m^2",
+               from(p.trajectory.across_gain_per_m2));
+    report.add("heading_gain_per_m", "path, gain on the heading", t.heading_gain_per_m, "1/m",
+               from(p.trajectory.heading_gain_per_m));
+    const auto pose = control::pose_control_settings<double>(p);
+    const auto& given = p.pose_control;
+    report.add("gamma1_per_s", "pose goal, gamma1", pose.gamma1, "1/s", from(given.gamma1));
+    report.add("gamma2_per_s", "pose goal, gamma2", pose.gamma2, "1/s", from(given.gamma2));
+    report.add("pose_speed_m_per_s", "pose goal, speed", pose.speed_m_per_s, "m/s",
+               from(given.speed_m_per_s));
+    report.add("pose_yaw_rate_rad_per_s", "pose goal, yaw rate", pose.yaw_rate_rad_per_s, "rad/s",
+               from(given.yaw_rate_rad_per_s));
+    report.add("pose_acceleration_m_per_s2", "pose goal, acceleration", pose.acceleration_m_per_s2, "m/s^2",
+               from(given.acceleration_m_per_s2));
+    report.add("pose_yaw_acceleration_rad_per_s2", "pose goal, yaw acceleration",
+               pose.yaw_acceleration_rad_per_s2, "rad/s^2", from(given.yaw_acceleration_rad_per_s2));
+    report.add("stop_radius_m", "pose goal, reached within", pose.stop_radius_m, "m",
+               from(given.stop_radius_m));
+    report.add("slip_yaw_rate_rad_per_s", "slip beyond", task::SlipWatch::limit_rad_per_s(p), "rad/s",
+               from(p.adaptation.slip_yaw_rate_rad_per_s));
+}
+
 void report_effects(const task::RobotFile& robot, Report& report) {
     const model::RobotParameters& p = robot.parameters;
     bool any = false;
@@ -166,6 +214,7 @@ int check(const Options& options) {
                "the others have their defaults");
     report_model(robot, report);
     report_ident(robot, report);
+    report_driving(robot.parameters, report);
     report_effects(robot, report);
     report_bus(robot, report);
     report.section("notes", result.notes.empty() ? "" : "Worth a look");

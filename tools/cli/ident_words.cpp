@@ -151,4 +151,33 @@ std::string model_sentence(const protocol::IdentStatus& status) {
            "what";
 }
 
+std::optional<double> IdentLayout::operator[](protocol::IdentQuantity quantity) const {
+    const auto value = static_cast<double>(value_.at(std::size_t(quantity)));
+    return value == 0 ? std::nullopt : std::optional(value);
+}
+
+std::vector<std::string> IdentLayout::sentences() const {
+    using enum protocol::IdentQuantity;
+    bool known = true;
+    const auto number = [&](protocol::IdentQuantity quantity, double scale = 1) {
+        const auto value = (*this)[quantity];
+        known = known && value.has_value();
+        return number_text(scale * value.value_or(0), 3);
+    };
+    std::vector<std::string> lines;
+    const auto add = [&](const std::string& line) {
+        if (known) lines.push_back(line);
+        known = true;
+    };
+    add("found: the wheels move at " + number(left_breakaway) + " Nm (left) and " + number(right_breakaway) +
+        " Nm (right) and rub with " + number(friction) + " Nm; K7 about " + number(rough_k7) +
+        " 1/(kg m), K8 about " + number(rough_k8) + " 1/(kg m^2); " + number(delivered_torque) +
+        " Nm delivered when tried, and reported as " + number(report_ratio) + " of it; angle noise " +
+        number(angle_noise, 1e3) + " mrad");
+    add("chosen: " + number(amplitude) + " Nm in bits of " + number(bit_time, 1e3) + " ms, averaged over " +
+        number(kernel, 1e3) + " ms, up to " + number(speed_limit) + " m/s and " + number(yaw_rate_limit) +
+        " rad/s; K5 to be known to " + number(coupling_standard_error, 1e3) + " mm");
+    return lines;
+}
+
 }  // namespace wheelwright::tools

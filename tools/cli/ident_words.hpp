@@ -1,8 +1,11 @@
 // Identification in words: what each cause means and what to change, for every command that shows one.
 #pragma once
 
+#include <array>
+#include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include "firmware/protocol/wheelwright_messages.hpp"
 
@@ -30,6 +33,18 @@ struct TorqueLimit {
 std::string clipping_sentence(const protocol::IdentStatus& status, const TorqueLimit& limit = {});
 std::string sides_sentence(const protocol::IdentStatus& status);
 std::string model_sentence(const protocol::IdentStatus& status);
+
+// What the probe has found and the layout that follows from it, as far as it has been told.
+class IdentLayout {
+  public:
+    void take(const protocol::IdentSizing& sizing) { value_.at(std::size_t(sizing.quantity)) = sizing.value; }
+    std::optional<double> operator[](protocol::IdentQuantity quantity) const;  // nothing: not known
+    // "found: ..." and "chosen: ..."; a line comes when all of it is known.
+    std::vector<std::string> sentences() const;
+
+  private:
+    std::array<float, protocol::ident_quantity_values.size()> value_{};
+};
 
 // It has ended, and K7 and K8 are known.
 inline bool identified(const protocol::IdentStatus& status) {

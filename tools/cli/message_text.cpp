@@ -3,8 +3,10 @@
 #include <array>
 #include <charconv>
 #include <cmath>
+#include <cstdio>
 #include <type_traits>
 
+#include "drivers/odrive/odrive_drive.hpp"
 #include "firmware/protocol/command_guard.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
 #include "tools/cli/parameter_names.hpp"
@@ -94,7 +96,26 @@ std::string one_line(const MessageText& message) {
     return line;
 }
 
-std::string advice(const protocol::Status& status) {
+std::string DriveErrors::text() const {
+    std::string text;
+    for (const protocol::DriveError& drive : latest_) {
+        if (drive.error == 0) continue;
+        const auto generation =
+            drive.generation == 5 ? drivers::OdriveGeneration::v0_5 : drivers::OdriveGeneration::v0_6;
+        std::string names;
+        for (std::uint32_t bit = 1; bit != 0; bit <<= 1U) {
+            if ((drive.error & bit) == 0) continue;
+            names.append(names.empty() ? "" : ", ").append(drivers::odrive_error_name(generation, bit));
+        }
+        std::array<char, 16> number{};
+        std::snprintf(number.data(), number.size(), "0x%X", unsigned{drive.error});
+        text.append(text.empty() ? "the " : "; the ").append(to_string_view(drive.wheel));
+        text.append(" drive reports ").append(names).append(" (").append(number.data()).append(")");
+    }
+    return text;
+}
+
+std::string advice(const protocol::Status& status, const DriveErrors& errors) {
     using protocol::DriveState;
     const bool left = status.drive_left == DriveState::other_generation;
     if (left || status.drive_right == DriveState::other_generation) {
@@ -105,11 +126,43 @@ std::string advice(const protocol::Status& status) {
         return "see drive.watchdog_assured and drive.watchdog_endpoint in the robot file, and check "
                "drive.generation";
     }
+    if (status.blocker == protocol::Blocker::drive_error || status.fault == protocol::Fault::drive_error) {
+        const std::string reported = errors.text();
+        return (reported.empty() ? "a drive reports an error" : reported) +
+               "; remove the cause, then `wheelwright ctl clear`";
+    }
     const bool silent = status.drive_left == DriveState::silent || status.drive_right == DriveState::silent;
     if (status.fault == protocol::Fault::arming_refused && !silent) {
         return "a drive is heard and does not arm: check its errors, and drive.generation in the robot file";
     }
     return "";
+}
+
+std::string pace_sentence(const protocol::TrajectoryPace& pace) {
+    using protocol::PaceLimit;
+    std::string_view limit;
+    switch (pace.limited_by) {
+        case PaceLimit::none:
+            return "";
+        case PaceLimit::speed:
+            limit = "limits.speed_m_per_s";
+            break;
+        case PaceLimit::yaw_rate:
+            limit = "limits.yaw_rate_rad_per_s";
+            break;
+        case PaceLimit::acceleration:
+            limit = "limits.acceleration_m_per_s2";
+            break;
+        case PaceLimit::yaw_acceleration:
+            limit = "limits.yaw_acceleration_rad_per_s2";
+            break;
+        case PaceLimit::torque:
+            limit = "limits.torque_Nm";
+            break;
+    }
+    return "the period is " + scaled_text(pace.period_s, 0.01) + " s in place of " +
+           scaled_text(pace.asked_period_s, 0.01) + " s, so that " + std::string(limit) +
+           " leaves room for feedback";
 }
 
 std::string frame_text(const hal::CanFrame& frame) {

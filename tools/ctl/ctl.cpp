@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -69,7 +70,7 @@ int await_state(Link& link, protocol::Mode wanted) {
     while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
         last = status;
         if (status->state == wanted) {
-            std::printf("%s\n", status_text(*status).c_str());
+            std::printf("%s\n", link.text_of(*status).c_str());
             return kDone;
         }
         const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
@@ -83,7 +84,25 @@ int await_state(Link& link, protocol::Mode wanted) {
         return complain(kAimMissed, "sent, but no Status frame came back: is the firmware running there?");
     }
     return complain(kAimMissed, "sent, but the state is not " + std::string(to_string_view(wanted)) + ": " +
-                                    status_text(*last));
+                                    link.text_of(*last));
+}
+
+// After ClearFault: until the drives have told what is left of their errors.
+int await_cleared(Link& link) {
+    const int result = await_state(link, protocol::Mode::idle);
+    if (result != kDone) return result;
+    const std::int64_t last_ns = can_now_ns() + kSecond_ns;
+    using protocol::DriveState;
+    while (const auto status = link.wait_for<protocol::Status>(last_ns)) {
+        const auto either = [&](DriveState state) {
+            return status->drive_left == state || status->drive_right == state;
+        };
+        if (either(DriveState::arming)) continue;
+        if (!either(DriveState::fault)) return kDone;
+        for (int i = 0; i < 2; ++i) link.wait_for<protocol::DriveError>(can_now_ns() + kSecond_ns / 4);
+        return complain(kAimMissed, "idle, but a drive keeps its error: " + link.drive_errors().text());
+    }
+    return interrupted() ? kAimMissed : kDone;
 }
 
 // After idle has been asked for: until the robot has braked and is there, so that what is asked next is not
@@ -100,7 +119,7 @@ int await_rest(Link& link) {
             return complain(kAimMissed, "idle was asked for, but the firmware's Status frames have ceased");
         }
         if (status->state == protocol::Mode::fault) {
-            return complain(kAimMissed, "stopped on the way to idle: " + status_text(*status));
+            return complain(kAimMissed, "stopped on the way to idle: " + link.text_of(*status));
         }
         if (status->state == protocol::Mode::idle && status->requested == protocol::Mode::idle) return kDone;
     }
@@ -124,9 +143,22 @@ int send_mode(const Options& options, protocol::Mode mode) {
     return result;
 }
 
+// The firmware may drive a path slower than asked.
+void tell_pace(Link& link, const protocol::TrajectoryCommand& asked) {
+    const std::int64_t last_ns = can_now_ns() + kSecond_ns;
+    while (const auto pace = link.wait_for<protocol::TrajectoryPace>(last_ns)) {
+        // Some tens of milliseconds pass until the pace of the new path is known.
+        if (pace->shape != asked.shape || std::abs(pace->asked_period_s - asked.period_s) > 0.006) continue;
+        if (const std::string words = pace_sentence(*pace); !words.empty())
+            std::printf("%s\n", words.c_str());
+        return;
+    }
+}
+
 // Sends a command once, or a set-point again and again; with --enter in its mode, and idle at the end.
 int send_commands(const Options& options, const std::vector<Command>& commands,
-                  std::optional<protocol::Mode> mode, bool repeat_by_default) {
+                  std::optional<protocol::Mode> mode, bool repeat_by_default,
+                  const std::function<void(Link&)>& after = {}) {
     if (options.print) {
         std::vector<Command> all = commands;
         if (options.enter && mode.has_value()) all.push_back(mode_command(*mode));
@@ -164,7 +196,8 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
         }
     } while (!interrupted() && can_now_ns() < end_ns);
     int result = kDone;
-    if (enter && !options.no_wait) result = repeat ? watch->result(options) : await_state(link, *mode);
+    if (after && !options.no_wait && !interrupted()) after(link);
+    if (enter && !options.no_wait) result = repeat ? watch->result(link) : await_state(link, *mode);
     // In a fault it would be refused, and hide what was refused before.
     if (enter && repeat && !watch->in_fault()) {
         int status = link.send(mode_command(protocol::Mode::idle));
@@ -334,7 +367,8 @@ void add_trajectory(const CommandLine& ctl, const Shared& options, Run& run) {
                                             names_of(protocol::trajectory_shape_values));
             }
             message->shape = *chosen;
-            return send_commands(*options, {command_of(*message)}, protocol::Mode::trajectory, false);
+            return send_commands(*options, {command_of(*message)}, protocol::Mode::trajectory, false,
+                                 [=](Link& link) { tell_pace(link, *message); });
         };
     });
 }
@@ -402,7 +436,8 @@ void add_stop(const CommandLine& ctl, const Shared& options, Run& run) {
             return options->no_wait ? kDone : await_state(link, protocol::Mode::fault);
         };
     });
-    const CommandLine clear = subcommand(ctl, "clear", "Clear a latched fault, whose cause must be gone");
+    const CommandLine clear =
+        subcommand(ctl, "clear", "Clear a latched fault and the drives' errors; their cause must be gone");
     clear.callback([=, &run] {
         run = [=] {
             const std::vector<Command> commands{command_of(protocol::ClearFault{})};
@@ -412,7 +447,7 @@ void add_stop(const CommandLine& ctl, const Shared& options, Run& run) {
             if (const int status = link.open(); status != kDone) return status;
             link.forget_received();
             if (const int status = link.send(commands.front()); status != kDone) return status;
-            const int result = options->no_wait ? kDone : await_state(link, protocol::Mode::idle);
+            const int result = options->no_wait ? kDone : await_cleared(link);
             Link::leave_slot();
             return result;
         };

@@ -27,6 +27,7 @@ struct Heard {
     std::optional<protocol::EstimateK6K8> k6_k8;
     std::optional<protocol::StandardErrorK5K7> error_k5_k7;
     std::optional<protocol::StandardErrorK6K8> error_k6_k8;
+    IdentLayout layout;
 
     void take(const hal::CanFrame& frame) {
         note(status, frame);
@@ -35,6 +36,7 @@ struct Heard {
         note(k6_k8, frame);
         note(error_k5_k7, frame);
         note(error_k6_k8, frame);
+        if (const auto sizing = Link::decoded<protocol::IdentSizing>(frame)) layout.take(*sizing);
     }
     // All that the end is told by.
     bool whole() const { return ident && k5_k7 && k6_k8 && error_k5_k7 && error_k6_k8; }
@@ -148,7 +150,7 @@ int await_identification(Link& link) {
     }
     progress.end();
     const double lasted_s = progress.elapsed_s();
-    if (!begun) return complain("not begun: " + status_text(*heard.status));
+    if (!begun) return complain("not begun: " + link.text_of(*heard.status));
 
     // What is said from now on is the end's, and the robot may still roll after a fault.
     heard.ident.reset();
@@ -165,9 +167,10 @@ int await_identification(Link& link) {
     if (!heard.whole()) return complain("the identification has ended, but the firmware does not say how");
     if (!stands(link.body())) complain("the robot still moves");
     if (heard.status->state != protocol::Mode::idle)
-        complain("the robot has left ident: " + status_text(*heard.status));
+        complain("the robot has left ident: " + link.text_of(*heard.status));
 
     const protocol::IdentStatus& ident = *heard.ident;
+    for (const std::string& line : heard.layout.sentences()) std::printf("%s\n", line.c_str());
     if (!identified(ident)) {
         complain("not identified after " + number_text(lasted_s, 2) + " s, " + cause_sentence(ident.cause));
         const std::string clipping = clipping_sentence(ident);

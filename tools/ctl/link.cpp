@@ -5,7 +5,6 @@
 #include <cstdio>
 
 #include "tools/cli/ident_words.hpp"
-#include "tools/cli/message_text.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -32,7 +31,8 @@ int Link::open() {
         for (const std::uint32_t id :
              {protocol::Status::id, protocol::BodyState::id, protocol::ParameterReply::id,
               protocol::IdentStatus::id, protocol::EstimateK5K7::id, protocol::EstimateK6K8::id,
-              protocol::StandardErrorK5K7::id, protocol::StandardErrorK6K8::id})
+              protocol::StandardErrorK5K7::id, protocol::StandardErrorK6K8::id, protocol::DriveError::id,
+              protocol::TrajectoryPace::id, protocol::IdentSizing::id})
             filters.push_back({id, kWhole, false});
         bus_->set_filters(filters);
     }
@@ -47,6 +47,7 @@ bool Link::receive(hal::CanFrame& frame, std::int64_t deadline_ns) {
         frame = received.frame;
         if (frame.extended || frame.error || frame.remote) continue;
         if (const auto body = decoded<protocol::BodyState>(frame)) body_ = *body;
+        if (const auto error = decoded<protocol::DriveError>(frame)) errors_.take(*error);
         return true;
     }
     return false;
@@ -133,7 +134,8 @@ bool ModeWatch::follow(Link& link, std::int64_t deadline_ns) {
     return true;
 }
 
-int ModeWatch::result(const LinkOptions& options) const {
+int ModeWatch::result(const Link& link) const {
+    const LinkOptions& options = link.options();
     if (!last_.has_value()) {
         return options.complain(kAimMissed,
                                 "sent, but no Status frame came back: is the firmware running there?");
@@ -144,7 +146,7 @@ int ModeWatch::result(const LinkOptions& options) const {
     if (last_->state == wanted_) return kDone;
     return options.complain(kAimMissed,
                             std::string(entered_ ? "the robot has left " : "the robot did not enter ") +
-                                std::string(to_string_view(wanted_)) + ": " + status_text(*last_));
+                                std::string(to_string_view(wanted_)) + ": " + link.text_of(*last_));
 }
 
 Command mode_command(protocol::Mode mode) {
@@ -161,13 +163,13 @@ Command parameter_request(protocol::ParameterOperation operation, std::uint16_t 
     return command_of(message);
 }
 
-std::string status_text(const protocol::Status& status) {
+std::string status_text(const protocol::Status& status, const DriveErrors& errors) {
     std::string text = "state " + std::string(to_string_view(status.state));
     if (status.fault != protocol::Fault::none) text += ", fault " + std::string(to_string_view(status.fault));
     if (status.blocker != protocol::Blocker::none) {
         text += ", blocked by " + blocker_text(status.blocker);
     }
-    if (const std::string more = advice(status); !more.empty()) text += "; " + more;
+    if (const std::string more = advice(status, errors); !more.empty()) text += "; " + more;
     return text;
 }
 

@@ -12,6 +12,7 @@
 
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
+#include "tools/cli/message_text.hpp"
 #include "tools/ctl/frames.hpp"
 
 namespace wheelwright::tools {
@@ -24,6 +25,8 @@ struct LinkOptions {
     // Says it on standard error; returns the status.
     int complain(int status, const std::string& text) const;
 };
+
+std::string status_text(const protocol::Status& status, const DriveErrors& errors = {});
 
 class Link {
   public:
@@ -71,6 +74,9 @@ class Link {
 
     // How the robot moves, by what came in while waiting.
     const protocol::BodyState& body() const { return body_; }
+    // Status in words, with what the drives have reported meanwhile.
+    std::string text_of(const protocol::Status& status) const { return status_text(status, errors_); }
+    const DriveErrors& drive_errors() const { return errors_; }
 
     const LinkOptions& options() const { return options_; }
 
@@ -81,6 +87,7 @@ class Link {
     const LinkOptions& options_;
     std::unique_ptr<hal::SocketCanBus> bus_;
     protocol::BodyState body_;
+    DriveErrors errors_;
     std::uint8_t first_alive_ = 0;
     std::vector<std::pair<std::string, std::uint8_t>> alive_;
 };
@@ -96,7 +103,7 @@ class ModeWatch {
     bool entered() const { return entered_; }
     bool in_fault() const { return last_.has_value() && last_->state == protocol::Mode::fault; }
     // What became of it, as an exit status; said unless it is kDone.
-    int result(const LinkOptions& options) const;
+    int result(const Link& link) const;
 
   private:
     protocol::Mode wanted_;
@@ -111,7 +118,6 @@ inline constexpr std::int64_t kLongestArming_ns = 4'000'000'000;
 Command mode_command(protocol::Mode mode);
 Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value);
 
-std::string status_text(const protocol::Status& status);
 std::string result_text(protocol::ParameterResult result);
 
 // The float to send: the nearest one, or the next inside the range when rounding has left it.

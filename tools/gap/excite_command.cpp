@@ -78,7 +78,7 @@ int drive_round(Link& link, const gap::Excitation& e, int round) {
         if (!watch.follow(link, due_ns) || interrupted()) break;
         if (e.too_fast({link.body().forward_speed_m_per_s, link.body().yaw_rate_rad_per_s})) break;
     }
-    return watch.result(link.options());
+    return watch.result(link);
 }
 
 int halt(Link& link) {

@@ -115,6 +115,18 @@ bool RobotView::accept(const hal::CanFrame& frame, std::int64_t time_ns) {
             return take(frame, bus_load_);
         case LoopDesign::id:
             return take(frame, design_);
+        case TrajectoryPace::id:
+            return take(frame, pace_);
+        case DriveError::id: {
+            std::optional<DriveError> error;
+            if (take(frame, error)) drive_errors_.take(*error);
+            return error.has_value();
+        }
+        case IdentSizing::id: {
+            std::optional<IdentSizing> sizing;
+            if (take(frame, sizing)) layout_.take(*sizing);
+            return sizing.has_value();
+        }
         default:
             return true;
     }
@@ -170,7 +182,8 @@ std::string RobotView::screen(std::int64_t now_ns) const {
     row("blocker", blocker_text(status_->blocker));
     row("limiting", limits_text());
     row("drives", "left " + name(status_->drive_left) + ", right " + name(status_->drive_right));
-    if (const std::string text = advice(*status_); !text.empty()) row("", text);
+    if (const std::string text = drive_errors_.text(); !text.empty()) row("", text);
+    if (const std::string text = advice(*status_, {}); !text.empty()) row("", text);
     if (odometry_.has_value()) {
         row("pose", format("x %8.4f m  y %8.4f m  heading %7.4f rad  (%s)", odometry_->x_m, odometry_->y_m,
                            odometry_->heading_rad, status_->pose_fixed ? "external pose" : "odometry alone"));
@@ -189,6 +202,11 @@ std::string RobotView::screen(std::int64_t now_ns) const {
         row("error", format("along %7.4f m  across %7.4f m  heading %7.4f rad%s", tracking_->along_m,
                             tracking_->across_m, tracking_->heading_rad,
                             status_->goal_reached ? "   goal reached" : ""));
+    }
+    if (pace_.has_value() && pace_->shape != protocol::TrajectoryShape::streamed) {
+        const std::string words = pace_sentence(*pace_);
+        row("path", name(pace_->shape) + format(", period %.2f s", pace_->period_s));
+        if (!words.empty()) row("", words);
     }
     if (k5_k7_.has_value() && k6_k8_.has_value()) {
         const auto errors = [&](bool first) {
@@ -214,6 +232,7 @@ std::string RobotView::screen(std::int64_t now_ns) const {
                                          status_->progress_percent, ident_->delay_s * 1e3,
                                          static_cast<unsigned>(ident_->samples), ident_->excitation_percent));
         for (const std::string& words : ident_words()) row("", words);
+        for (const std::string& words : layout_.sentences()) row("", words);
     }
     if (design_.has_value()) {
         row("loops",
@@ -247,6 +266,8 @@ std::string RobotView::line(std::int64_t time_ns) const {
     out += format("%-10s", name(status_->state).c_str());
     if (status_->fault != protocol::Fault::none) out += " fault " + name(status_->fault);
     if (status_->blocker != protocol::Blocker::none) out += " blocked by " + blocker_text(status_->blocker);
+    if (status_->blocker == protocol::Blocker::drive_error || status_->fault == protocol::Fault::drive_error)
+        out += " (" + drive_errors_.text() + ")";
     if (odometry_.has_value()) {
         out += format("  x %.4f y %.4f m heading %.4f rad", odometry_->x_m, odometry_->y_m,
                       odometry_->heading_rad);
@@ -291,6 +312,15 @@ void RobotView::fill(Report& report) const {
         report.add("ident_cause", "identification", name(ident_->cause));
         report.table("ident_words", {{"words", "identification in words"}});
         for (std::string words : ident_words()) report.row({std::move(words)});
+    }
+    if (const std::string text = drive_errors_.text(); !text.empty())
+        report.add("drive_errors", "drives", text);
+    if (const auto found = layout_.sentences(); !found.empty()) {
+        report.table("ident_layout", {{"words", "what the identification found and chose"}});
+        for (std::string words : found) report.row({std::move(words)});
+    }
+    if (pace_.has_value()) {
+        report.add("path_period_s", "period of the path", pace_->period_s, "s", pace_sentence(*pace_));
     }
     report.add("limiting", "limiting", limits_text());
     if (odometry_.has_value()) {

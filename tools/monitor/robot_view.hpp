@@ -10,6 +10,8 @@
 
 #include "firmware/protocol/wheelwright_messages.hpp"
 #include "hal/can_bus.hpp"
+#include "tools/cli/ident_words.hpp"
+#include "tools/cli/message_text.hpp"
 #include "tools/cli/report.hpp"
 
 namespace wheelwright::tools {
@@ -65,6 +67,9 @@ class RobotView {
     std::optional<protocol::Timing> timing_;
     std::optional<protocol::BusLoad> bus_load_;
     std::optional<protocol::LoopDesign> design_;
+    DriveErrors drive_errors_;
+    std::optional<protocol::TrajectoryPace> pace_;
+    IdentLayout layout_;
     std::map<std::uint32_t, Tally> tally_;  // our messages by identifier
     std::uint64_t others_ = 0;              // frames that are not ours (drives)
     std::uint64_t error_frames_ = 0;

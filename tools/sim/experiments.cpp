@@ -129,32 +129,39 @@ TrackingResult track(Simulation& sim, const TrackingOptions& options, const Prog
     command.period_s = options.path.period_s;
     sim.host().trajectory(command);
     if (!enter_mode(sim, options.mode)) return result;
+    const auto started = [&] { return sim.cycle().control().trajectory_start_ns() != 0; };
+    if (!sim.run_until(started, 1)) return result;
     result.entered = true;
+    result.pace = sim.cycle().report().pace;
+    const double stretch = result.pace.period_s / options.path.period_s;
+    control::PathSettings<double> path = options.path;
+    path.period_s *= stretch;
+    path.ramp_s *= stretch;
     const std::int64_t start_ns = sim.cycle().control().trajectory_start_ns();
     const Pose<double> bare_start = sim.cycle().odometry().bare_pose();
     const Pose<double> true_start = sim.world().pose();
     double sum = 0;
     std::int64_t judged = 0;
     std::int64_t cycle = 0;
-    sim.run_for(options.duration_s, [&] {
+    sim.run_for(stretch * options.duration_s, [&] {
         const double time_s = 1e-9 * static_cast<double>(sim.now_ns() - start_ns);
         if (options.event) options.event(sim, time_s);
         // The judge's own lemniscate, not the firmware's generator.
-        const double phase = 2 * std::numbers::pi * time_s / options.path.period_s;
+        const double phase = 2 * std::numbers::pi * time_s / path.period_s;
         Pose<double> reference;
-        if (options.path.kind == control::PathKind::figure_eight) {
-            const double x_rate = options.path.length_m / 2 * std::cos(phase);
-            const double y_rate = options.path.width_m * std::cos(2 * phase);
-            reference = {options.path.length_m / 2 * std::sin(phase),
-                         options.path.width_m / 2 * std::sin(2 * phase), std::atan2(y_rate, x_rate)};
+        if (path.kind == control::PathKind::figure_eight) {
+            const double x_rate = path.length_m / 2 * std::cos(phase);
+            const double y_rate = path.width_m * std::cos(2 * phase);
+            reference = {path.length_m / 2 * std::sin(phase), path.width_m / 2 * std::sin(2 * phase),
+                         std::atan2(y_rate, x_rate)};
         } else {
-            reference = control::path_point(options.path, time_s).pose;
+            reference = control::path_point(path, time_s).pose;
         }
         const double error = distance(sim.world().pose(), reference);
         const auto& torque = sim.cycle().report().torque_Nm;
         result.largest_torque_Nm =
             std::max({result.largest_torque_Nm, std::abs(torque.left), std::abs(torque.right)});
-        if (time_s >= options.judge_from_s) {
+        if (time_s >= stretch * options.judge_from_s) {
             sum += error * error;
             ++judged;
             result.peak_m = std::max(result.peak_m, error);
@@ -163,7 +170,7 @@ TrackingResult track(Simulation& sim, const TrackingOptions& options, const Prog
             result.samples.push_back({time_s, reference, sim.world().pose(), sim.cycle().odometry().pose(),
                                       moved(sim.cycle().odometry().bare_pose(), bare_start, true_start),
                                       error, torque});
-            if (progress) progress(time_s / options.duration_s);
+            if (progress) progress(time_s / (stretch * options.duration_s));
         }
     });
     result.rms_m = judged > 0 ? std::sqrt(sum / static_cast<double>(judged)) : 0;
@@ -173,7 +180,7 @@ TrackingResult track(Simulation& sim, const TrackingOptions& options, const Prog
 }
 
 GoalResult drive_to(Simulation& sim, const Pose<double>& goal, protocol::PoseDirection direction,
-                    double at_most_s) {
+                    double at_most_s, double tolerance_m) {
     GoalResult result;
     sim.host().goal(goal, direction);
     if (!enter_mode(sim, protocol::Mode::pose)) return result;
@@ -189,7 +196,7 @@ GoalResult drive_to(Simulation& sim, const Pose<double>& goal, protocol::PoseDir
             const double change =
                 std::max(std::abs(torque.left - last.left), std::abs(torque.right - last.right));
             last = torque;
-            const bool there = result.distance_m <= 0.01 &&
+            const bool there = result.distance_m <= tolerance_m &&
                                std::abs(result.heading_error_rad) <= std::numbers::pi / 180 &&
                                sim.cycle().report().status.goal_reached;
             if (!there) {

@@ -56,6 +56,7 @@ struct PathSample {
 struct TrackingOptions {
     protocol::Mode mode = protocol::Mode::trajectory;
     control::PathSettings<double> path;
+    // At the pace that the path asks for; longer by as much as the firmware drives it slower.
     double duration_s = 42;
     double judge_from_s = 12;
     bool external_poses = true;                             // after the first one, which tells the start
@@ -63,6 +64,7 @@ struct TrackingOptions {
 };
 struct TrackingResult {
     bool entered = false;
+    protocol::TrajectoryPace pace;  // as the firmware says it
     double rms_m = 0, peak_m = 0;
     double largest_torque_Nm = 0;
     std::vector<PathSample> samples;  // a hundred a second
@@ -70,14 +72,14 @@ struct TrackingResult {
 TrackingResult track(Simulation& sim, const TrackingOptions& options, const Progress& progress = {});
 
 struct GoalResult {
-    bool reached = false;   // within 1 cm and 1 degree by the truth, and held for 2 s, within the time
+    bool reached = false;   // within the tolerance and 1 degree by the truth, held for 2 s, within the time
     double time_s = 0;      // until it was there for good
     double distance_m = 0;  // at the end
     double heading_error_rad = 0;
     double quiet_torque_Nm = 0;  // largest change of torque between cycles while holding
 };
 GoalResult drive_to(Simulation& sim, const Pose<double>& goal, protocol::PoseDirection direction,
-                    double at_most_s = 60);
+                    double at_most_s = 60, double tolerance_m = 0.01);
 
 // The +share payload of the issue: mass and inertia grow together, the centre of gravity stays.
 void drop_payload(sim::World& world, double share);

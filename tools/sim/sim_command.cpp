@@ -100,9 +100,15 @@ Action parse_action(const std::string& text) {
 
 // What stopped the robot or keeps it from a mode, as `wheelwright ctl` says it; no line when nothing does.
 void add_hindrance(const Simulation& sim, Report& report) {
-    const protocol::Status& status = sim.cycle().report().status;
+    const task::CycleReport now = sim.cycle().report();
+    const protocol::Status& status = now.status;
     if (status.fault == protocol::Fault::none && status.blocker == protocol::Blocker::none) return;
-    report.add("hindrance", "because of", status_text(status));
+    DriveErrors errors;
+    for (const protocol::Wheel wheel : protocol::wheel_values)
+        errors.take({.wheel = wheel,
+                     .generation = now.drive_generation,
+                     .error = now.drive_error_bits[std::size_t(wheel)]});
+    report.add("hindrance", "because of", status_text(status, errors));
 }
 
 // Does one action; adds its figures. False: its mode was not entered, or its aim not reached.
@@ -187,6 +193,7 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         const TrackingResult result = track(sim, options);
         report.add("entered", "mode entered", result.entered);
         add_hindrance(sim, report);
+        report.add("period_s", "period", result.pace.period_s, "s", pace_sentence(result.pace));
         report.add("rms_m", "RMS error from 12 s on", result.rms_m, "m");
         report.add("peak_m", "largest error from 12 s on", result.peak_m, "m");
         return result.entered;

@@ -107,7 +107,7 @@ void drive_figure_eight(Simulation& sim, const DrawnRobot& robot, Driving& drivi
     double sum = 0;
     std::size_t judged = 0;
     for (const PathSample& sample : result.samples) {
-        if (sample.time_s < options.judge_from_s) continue;
+        if (sample.time_s < options.judge_from_s * result.pace.period_s / options.path.period_s) continue;
         // Wheels alone cannot tell where the robot is, only where they believe it to be.
         const Pose<double>& is = robot.external_pose ? sample.truth : sample.believed;
         const double distance = std::hypot(is.x_m - sample.reference.x_m, is.y_m - sample.reference.y_m);
