@@ -153,6 +153,49 @@ TEST(Identification, without_friction_columns_its_errors_say_that_something_is_m
     CHECK(std::abs(error) > 0.005 * truth.k7);  // something is
 }
 
+namespace {
+
+// Root mean square error over standard error of K5..K8, some seeds.
+std::array<double, 4> rms_z(const ident::IdentificationOptions<double>& options, const RobotTruth& truth) {
+    constexpr unsigned kSeeds = 12;
+    std::array<double, 4> square{};
+    for (unsigned seed = 0; seed < kSeeds; ++seed) {
+        ident::IdentificationRun<double> run;
+        identify(run, options, truth, seed);
+        const auto value = values(run.estimate().dynamics);
+        const auto error = values(run.estimate().standard_error);
+        for (std::size_t i = 0; i < 4; ++i)
+            square[i] += std::pow((value[i] - truth_of(truth)[i]) / error[i], 2) / kSeeds;
+    }
+    std::printf("\n  rms z");
+    for (std::size_t i = 0; i < 4; ++i) std::printf("  %s %.2f", kNames[i], std::sqrt(square[i]));
+    return {std::sqrt(square[0]), std::sqrt(square[1]), std::sqrt(square[2]), std::sqrt(square[3])};
+}
+
+}  // namespace
+
+TEST(Identification, does_not_take_wheels_less_alike_than_the_file_says_for_another_K5_or_K6) {
+    const RobotTruth truth;
+    auto options = options_for<double>(truth);
+    options.estimator.filter.geometry.wheel_radius_m.left *= 1.01;
+    options.estimator.filter.geometry.wheel_radius_m.right *= 0.99;
+    for (const double z : rms_z(options, truth)) CHECK(z < 1.7);
+}
+
+TEST(Identification, does_not_take_dry_friction_about_a_reversal_for_a_smaller_K7_or_K8) {
+    RobotTruth truth;
+    truth.counts_per_turn = 8192;  // so that nobody knows when a wheel turns round
+    truth.angle_noise_rad = 0;
+    truth.coulomb_left_Nm = truth.coulomb_right_Nm = 0.7;
+    auto options = options_for<double>(truth);
+    options.excitation.amplitude_Nm = 2.5;
+    options.excitation.bit_time_s = 0.02;
+    options.estimator.filter.speed_span = 4;
+    options.estimator.filter.standing_speed_rad_per_s = 0.4;
+    options.estimator.filter.standing_samples = 12;
+    for (const double z : rms_z(options, truth)) CHECK(z < 1.7);
+}
+
 TEST(Identification, stops_by_itself_when_the_errors_are_small_enough) {
     const RobotTruth truth;
     auto options = options_for<double>(truth);
