@@ -59,7 +59,11 @@ struct DynamicsEstimatorOptions {
     RegressionFilterOptions<Real> filter;
     Real relative_standard_error = Real(0.005);  // of K7 and K8, for estimate().good_enough
     Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
-    Real prior_variance = Real(1e6);             // P(-1) = c I
+    // Dry friction over the excitation's torque. The slow torque's column takes most of what the friction
+    // column is wrong by about a reversal. What coarse encoders leave is as large as the whole at most: this
+    // share squared, times the share of the torque that is slow. It is part of K7's and K8's standard errors.
+    Real dry_share = 0;
+    Real prior_variance = Real(1e6);  // P(-1) = c I
     Real excitation_memory_s = 2;
 };
 
@@ -165,6 +169,7 @@ class DynamicsEstimator {
     static constexpr int kTiming = 2;  // own and cross
     static constexpr int kVelocityProduct = 2;
     static constexpr int kTorque = 3;
+    static constexpr int kSlowTorque = 8;
     // ..., spread, cross torque, cross products, slow torque; from here on the effects' columns
     static constexpr int kFixed = 9;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
@@ -193,6 +198,8 @@ class DynamicsEstimator {
         Real residual_power = 0, motion_power = 0;
         int run = 0;
         std::uint32_t runs = 0;
+        Real torque_power = 0,
+             slow_power = 0;            // of the torque: sum of squares, and the slow torque's share in it
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
         Real torque_error{};
@@ -251,6 +258,8 @@ class DynamicsEstimator {
         std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
         equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
+        equation.torque_power += phi[kTorque] * phi[kTorque];
+        equation.slow_power += phi[kTorque] * phi[kSlowTorque];
         equation.run_residual += innovation;
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
@@ -385,14 +394,14 @@ class DynamicsEstimator {
                                 linear.monitor.excitation(kTorque, p.k7_per_kg_m),
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
-        const WheelPair<Real> missing{missing_share(linear), missing_share(turning)};
-        const auto widened = [&](Real error, Real k, Real share) {
-            return std::hypot(error, k * static_cast<Real>(kShareInGain) * share);
+        const auto widened = [&](const Equation& e, Real k) {
+            const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
+            return std::hypot(e.torque_error, k * static_cast<Real>(kShareInGain) * missing_share(e),
+                              k * options_.dry_share * options_.dry_share * slow);
         };
-        estimate_.standard_error = {
-            linear.velocity_product_error, turning.velocity_product_error,
-            widened(linear.torque_error, estimate_.dynamics.k7_per_kg_m, missing.left),
-            widened(turning.torque_error, estimate_.dynamics.k8_per_kg_m2, missing.right)};
+        estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
+                                    widened(linear, estimate_.dynamics.k7_per_kg_m),
+                                    widened(turning, estimate_.dynamics.k8_per_kg_m2)};
         publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
@@ -429,7 +438,8 @@ class DynamicsEstimator {
     Real error(const Equation& equation, int parameter, Real variance) const {
         if (equation.rls.variance(parameter) > kNotExcited * options_.prior_variance)
             return static_cast<Real>(kUnknownError);
-        return variance > 0 ? std::sqrt(variance) : Real(0);
+        return std::sqrt(
+            std::max(variance, equation.rls.variance(parameter) * equation.errors.residual_density()));
     }
 
     DynamicsEstimatorOptions<Real> options_{};

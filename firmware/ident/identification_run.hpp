@@ -176,6 +176,7 @@ class IdentificationRun {
             static_cast<Real>(sizing_.standing_speed_rad_per_s);
         options_.estimator.filter.standing_samples = sizing_.standing_samples;
         options_.estimator.filter.speed_span = sizing_.speed_span;
+        options_.estimator.dry_share = static_cast<Real>(sizing_.dry_share);
         options_.estimator.coupling_standard_error_m = static_cast<Real>(sizing_.coupling_standard_error_m);
         estimator_.configure(options_.estimator);
         excitation_.start(excitation, start_, seed_);
