@@ -434,3 +434,29 @@ TEST(RegressionRows, are_masked_while_a_wheel_stands_and_when_told_so) {
     // passing quickly through zero spoils nothing
     CHECK(usable([](double t) { return 75 * (t - 0.15) * (t - 0.15); }, -1).second == 0);
 }
+
+TEST_GROUP(UnlistedFriction){};
+
+TEST(UnlistedFriction, gets_columns_where_it_is_felt_and_there_is_room) {
+    const std::size_t dry = model::find_effect("coulomb_friction");
+    const std::size_t viscous = model::find_effect("viscous_friction");
+    const auto added = [](model::EffectSet<double> effects, double dry_share) {
+        ident::add_friction(effects, dry_share, 0.005);
+        return effects.active;
+    };
+    model::EffectSet<double> effects;
+    CHECK(added(effects, 0.1)[dry] && added(effects, 0.1)[viscous]);
+    CHECK_FALSE(added(effects, 0.004)[dry]);
+
+    effects.parameter[dry][0] = 0.3;  // known, and said not to be there
+    CHECK_FALSE(added(effects, 0.1)[dry]);
+
+    effects = {};
+    effects.active[model::find_effect("torque_bias")] = true;  // two of the four columns
+    CHECK(added(effects, 0.1)[dry]);
+    CHECK_FALSE(added(effects, 0.1)[viscous]);
+
+    effects = {};
+    effects.active[model::find_effect("stribeck_friction")] = true;
+    CHECK_FALSE(added(effects, 0.1)[dry]);
+}
