@@ -169,6 +169,7 @@ class DynamicsEstimator {
     static constexpr int kTiming = 2;  // own and cross
     static constexpr int kVelocityProduct = 2;
     static constexpr int kTorque = 3;
+    static constexpr int kCrossProduct = 6;  // two
     static constexpr int kSlowTorque = 8;
     // ..., spread, cross torque, cross products, slow torque; from here on the effects' columns
     static constexpr int kFixed = 9;
@@ -260,7 +261,11 @@ class DynamicsEstimator {
         equation.monitor.push(phi);
         equation.torque_power += phi[kTorque] * phi[kTorque];
         equation.slow_power += phi[kTorque] * phi[kSlowTorque];
+        // What the cross products explain is no part of the model either: with one wheel's sign wrong, it is
+        // much.
         equation.run_residual += innovation;
+        for (std::size_t i = kCrossProduct; i < kCrossProduct + 2; ++i)
+            equation.run_residual += phi[i] * equation.rls.theta()[i];
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
             if (estimate_.rows > kRowsToJudge / 2) {
