@@ -14,6 +14,16 @@
 //                           Without it a lag of 1 ms under bits of 10 ms makes K7 and K8 one per cent small
 //   cross torque            the difference in y1, the sum in y2: wheels, gears or drives that are not equal
 //
+// Two more things are not known well enough:
+//   cross products          v omega in y1, omega^2 and v^2 in y2: what K5 and K6 become where the wheels are
+//                           not as alike as the geometry says, so that forward motion looks a little like
+//                           turning, or where a load lies beside the middle. Without them radii 0.1 % off
+//                           leave K6 ten standard errors off
+//   slow torque             a wheel's torque while its sign of sliding is not known for sure, about a
+//                           reversal. The friction column is wrong there, for longer after a reversal than
+//                           before it: then friction works against the torque. Without this column K7 and K8
+//                           are too small by the square of friction over torque, times the share of such time
+//
 // An effect's parameter is the ratio of its coefficient and K7 (or K8). What both equations know of the
 // parameters is added up as information, so they come out where only both together tell them (with wheels
 // that never reverse, one knows the sum of two frictions and the other their difference).
@@ -49,10 +59,9 @@ struct DynamicsEstimatorOptions {
     RegressionFilterOptions<Real> filter;
     Real relative_standard_error = Real(0.005);  // of K7 and K8, for estimate().good_enough
     Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
-    // Dry friction over the excitation's torque. While the sign of sliding is not known for sure, before a
-    // wheel turns round and after it, the friction column is wrong both ways; after it for longer, by this
-    // share, as friction then works against the torque. What K7 and K8 are off by is this share squared,
-    // times the share of the time; it is part of their standard errors.
+    // Dry friction over the excitation's torque. The slow torque's column takes most of what the friction
+    // column is wrong by about a reversal. What coarse encoders leave is as large as the whole at most: this
+    // share squared, times the share of the torque that is slow. It is part of K7's and K8's standard errors.
     Real dry_share = 0;
     Real prior_variance = Real(1e6);  // P(-1) = c I
     Real excitation_memory_s = 2;
@@ -160,7 +169,10 @@ class DynamicsEstimator {
     static constexpr int kTiming = 2;  // own and cross
     static constexpr int kVelocityProduct = 2;
     static constexpr int kTorque = 3;
-    static constexpr int kFixed = 6;  // ..., spread, cross torque; from here on the effects' columns
+    static constexpr int kCrossProduct = 6;  // two
+    static constexpr int kSlowTorque = 8;
+    // ..., spread, cross torque, cross products, slow torque; from here on the effects' columns
+    static constexpr int kFixed = 9;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr int kMaxColumns = static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr double kLargestTapSpacing_s = 0.003;
@@ -187,6 +199,8 @@ class DynamicsEstimator {
         Real residual_power = 0, motion_power = 0;
         int run = 0;
         std::uint32_t runs = 0;
+        Real torque_power = 0,
+             slow_power = 0;            // of the torque: sum of squares, and the slow torque's share in it
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
         Real torque_error{};
@@ -205,24 +219,33 @@ class DynamicsEstimator {
     void update_linear() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         regress(
-            equation_[0], row.omega_squared, row.acceleration.v_m_per_s2,
+            equation_[0], row.omega_squared, {row.v_omega, 0}, row.acceleration.v_m_per_s2,
             [](const WheelPair<Real>& pair) { return pair.sum(); },
             [](const WheelPair<Real>& pair) { return pair.difference(); });
     }
     void update_turning() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         regress(
-            equation_[1], row.v_omega, row.acceleration.omega_rad_per_s2,
+            equation_[1], row.v_omega, {row.omega_squared, row.v_squared}, row.acceleration.omega_rad_per_s2,
             [](const WheelPair<Real>& pair) { return pair.difference(); },
             [](const WheelPair<Real>& pair) { return pair.sum(); });
     }
     template <typename Own, typename Cross>
-    void regress(Equation& equation, Real velocity_product, Real y, Own&& own, Cross&& cross) {
+    void regress(Equation& equation, Real velocity_product, const std::array<Real, 2>& cross_product, Real y,
+                 Own&& own, Cross&& cross) {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         const auto& [early, torque, late] = row.torque_Nm;
         const Real timing = own(late) - own(early);
         const Real spread = own(early) + own(late) - 2 * own(torque);
-        Vector phi{timing, cross(late) - cross(early), velocity_product, own(torque), spread, cross(torque)};
+        Vector phi{timing,
+                   cross(late) - cross(early),
+                   velocity_product,
+                   own(torque),
+                   spread,
+                   cross(torque),
+                   cross_product[0],
+                   cross_product[1],
+                   own(row.slow_torque_Nm)};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
             phi[kFixed + j] = own(row.column[j]);
         let_timing_wander(equation, timing);
@@ -237,7 +260,13 @@ class DynamicsEstimator {
         equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
         equation.monitor.settle();
+        equation.torque_power += phi[kTorque] * phi[kTorque];
+        equation.slow_power += phi[kTorque] * phi[kSlowTorque];
+        // What the cross products explain is no part of the model either: with one wheel's sign wrong, it is
+        // much.
         equation.run_residual += innovation;
+        for (std::size_t i = kCrossProduct; i < kCrossProduct + 2; ++i)
+            equation.run_residual += phi[i] * equation.rls.theta()[i];
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
             if (estimate_.rows > kRowsToJudge / 2) {
@@ -371,15 +400,14 @@ class DynamicsEstimator {
                                 linear.monitor.excitation(kTorque, p.k7_per_kg_m),
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
-        const Real reversal = options_.dry_share * options_.dry_share * filter_.slow_share();
-        const WheelPair<Real> missing{missing_share(linear), missing_share(turning)};
-        const auto widened = [&](Real error, Real k, Real share) {
-            return std::hypot(error, k * reversal, k * static_cast<Real>(kShareInGain) * share);
+        const auto widened = [&](const Equation& e, Real k) {
+            const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
+            return std::hypot(e.torque_error, k * static_cast<Real>(kShareInGain) * missing_share(e),
+                              k * options_.dry_share * options_.dry_share * slow);
         };
-        estimate_.standard_error = {
-            linear.velocity_product_error, turning.velocity_product_error,
-            widened(linear.torque_error, estimate_.dynamics.k7_per_kg_m, missing.left),
-            widened(turning.torque_error, estimate_.dynamics.k8_per_kg_m2, missing.right)};
+        estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
+                                    widened(linear, estimate_.dynamics.k7_per_kg_m),
+                                    widened(turning, estimate_.dynamics.k8_per_kg_m2)};
         publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
@@ -416,7 +444,8 @@ class DynamicsEstimator {
     Real error(const Equation& equation, int parameter, Real variance) const {
         if (equation.rls.variance(parameter) > kNotExcited * options_.prior_variance)
             return static_cast<Real>(kUnknownError);
-        return variance > 0 ? std::sqrt(variance) : Real(0);
+        return std::sqrt(
+            std::max(variance, equation.rls.variance(parameter) * equation.errors.residual_density()));
     }
 
     DynamicsEstimatorOptions<Real> options_{};

@@ -26,7 +26,7 @@ enum class IdentState : std::uint8_t { measuring_delay, estimating, done, stoppe
 template <typename Real>
 struct IdentificationOptions {
     // With a probe, its amplitude, bit time and limits, the estimator's kernel, standing speed and coupling
-    // error are those that size_identification() finds.
+    // error are those that size_identification() finds; friction may be estimated beside the listed effects.
     ExcitationOptions<Real> excitation;
     DynamicsEstimatorOptions<Real> estimator;  // estimator.filter.delay_s: used when delay_phase_s is 0
     double delay_phase_s{};  // at least; goes on, up to kLongestDelayPhase times, until it is sure
@@ -171,6 +171,8 @@ class IdentificationRun {
         excitation.bit_time_s = sizing_.bit_time_s;
         excitation.speed_limit_m_per_s = static_cast<Real>(sizing_.speed_limit_m_per_s);
         excitation.yaw_rate_limit_rad_per_s = static_cast<Real>(sizing_.yaw_rate_limit_rad_per_s);
+        add_friction(options_.estimator.filter.effects, sizing_.dry_share,
+                     static_cast<double>(options_.estimator.relative_standard_error));
         options_.estimator.filter.kernel_s = sizing_.kernel_s;
         options_.estimator.filter.standing_speed_rad_per_s =
             static_cast<Real>(sizing_.standing_speed_rad_per_s);

@@ -47,6 +47,10 @@ struct RegressionRow {
     Real v_omega{};                                                     // K6's regressor
     std::array<WheelPair<Real>, kTaps> torque_Nm{};                     // one for each tap
     std::array<WheelPair<Real>, model::kMaxEstimatedColumns> column{};  // torque per unit of a parameter
+    // Of three taps only: what errors of the geometry and of the signs of sliding look like. The middle tap's
+    // torque while a dry parameter's sign of sliding is not known for sure, else zero.
+    Real v_squared{};
+    WheelPair<Real> slow_torque_Nm{};
     bool usable = false;  // no wheel stood still, no sample was marked unusable
 };
 
@@ -103,7 +107,6 @@ class RegressionFilter {
             have_known_ = have_known_ || known_.active[i];
         }
         set_delay(options.delay_s, options.tap_spacing_s);
-        wheel_samples_ = slow_samples_ = 0;
         restart();
     }
 
@@ -161,12 +164,6 @@ class RegressionFilter {
 
     const RegressionRow<Real, kTaps>& row() const { return row_; }
     int block_samples() const { return block_; }
-    // Share of the wheels' time in which they were slower than standing_speed_rad_per_s, but for so short
-    // that rows were made of it: there the sign of sliding is not known for sure.
-    Real slow_share() const {
-        return wheel_samples_ > 0 ? static_cast<Real>(slow_samples_) / static_cast<Real>(wheel_samples_)
-                                  : Real(0);
-    }
     int columns() const { return columns_; }  // those of the estimated effects, in catalogue order
     const std::array<bool, model::kEffectCount>& estimated() const { return estimated_.active; }
     const RegressionFilterOptions<Real>& options() const { return options_; }
@@ -176,7 +173,10 @@ class RegressionFilter {
     static constexpr unsigned kTorques = 64;
     static constexpr double kMinimumDelay = -2;
     static constexpr double kMaximumDelay = 27;
-    static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
+    static constexpr bool kSeesErrors = kTaps == 3;
+    static constexpr std::size_t kVSquared = 2 + 2 * static_cast<std::size_t>(kTaps);
+    static constexpr std::size_t kSlow = kVSquared + 1;
+    static constexpr std::size_t kFirstColumn = kSeesErrors ? kSlow + 2 : kVSquared;
     static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxEstimatedColumns;
     using Signals = std::array<Real, kSignals>;
 
@@ -241,6 +241,7 @@ class RegressionFilter {
             g[2 + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
             g[3 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
         }
+        if constexpr (kSeesErrors) g[kVSquared] = motion.twist.v_m_per_s * motion.twist.v_m_per_s;
         const model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
         std::size_t at = kFirstColumn;
         model::for_each_column(estimated_, context,
@@ -248,7 +249,22 @@ class RegressionFilter {
                                    const Real amount = dry ? -mean_sliding_sign(column) : Real(1);
                                    g[at++] = amount * column.left;
                                    g[at++] = amount * column.right;
+                                   if constexpr (kSeesErrors) {
+                                       if (dry && unsure(column, speed, amount)) add_slow_torque(column, g);
+                                   }
                                });
+    }
+
+    // Whether the sign of sliding changes about now, or is lost in the noise.
+    bool unsure(const WheelPair<Real>& direction, const WheelPair<Real>& speed, Real sign) const {
+        return std::abs(sign) < 1 ||
+               std::abs(model::sliding_speed(direction, speed)) < options_.standing_speed_rad_per_s;
+    }
+    static void add_slow_torque(const WheelPair<Real>& direction, Signals& g) {
+        constexpr std::size_t kMiddle = 2 + 2 * (static_cast<std::size_t>(kTaps) / 2);
+        const Real along = direction.left * g[kMiddle] + direction.right * g[kMiddle + 1];
+        g[kSlow] += along * direction.left;
+        g[kSlow + 1] += along * direction.right;
     }
 
     model::Motion<Real> motion_at(unsigned now, Real heading_rad, const WheelPair<Real>& speed) const {
@@ -290,8 +306,6 @@ class RegressionFilter {
 
     void count_standing(int& run, Real speed) {
         if (std::abs(speed) >= options_.standing_speed_rad_per_s) {
-            if (run == 0) return;
-            if (run <= options_.standing_samples) slow_samples_ += static_cast<std::uint32_t>(run);
             run = 0;
         } else if (++run > options_.standing_samples) {
             masked_in_block_ = true;
@@ -299,7 +313,6 @@ class RegressionFilter {
     }
 
     bool finish_block() {
-        wheel_samples_ += 2 * static_cast<std::uint32_t>(block_);
         masked_blocks_ = (masked_blocks_ << 1U | (masked_in_block_ ? 1U : 0U)) & 7U;
         const bool complete = blocks_ >= 2;
         if (complete) make_row();
@@ -331,6 +344,10 @@ class RegressionFilter {
             row_.torque_Nm[k] = {g[2 + 2 * k], g[3 + 2 * k]};
         for (std::size_t c = 0; c < static_cast<std::size_t>(columns_); ++c)
             row_.column[c] = {g[kFirstColumn + 2 * c], g[kFirstColumn + 2 * c + 1]};
+        if constexpr (kSeesErrors) {
+            row_.v_squared = g[kVSquared];
+            row_.slow_torque_Nm = {g[kSlow], g[kSlow + 1]};
+        }
         row_.usable = masked_blocks_ == 0;
     }
 
@@ -352,7 +369,6 @@ class RegressionFilter {
     RegressionFilterOptions<Real> options_{};
     int block_ = kMinimumBlock;
     int columns_ = 0;
-    std::uint32_t wheel_samples_ = 0, slow_samples_ = 0;
     unsigned span_ = 2;      // samples
     int latency_ = 3;        // samples
     unsigned history_ = 32;  // samples before the first row

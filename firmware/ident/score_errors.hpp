@@ -40,18 +40,24 @@ class ScoreErrors {
     void push(const Vector& phi, Real residual) {
         ++rows_;
         Vector score{};
-        if (rows_ > settling_rows()) {
+        const bool counts = rows_ > settling_rows();
+        if (counts) {
             power_ += residual * residual;
             for (int i = 0; i < size_; ++i) score[index(i)] = phi[index(i)] * residual;
         }
-        smooth(score);
+        smooth(score, counts ? residual : Real(0));
     }
 
     // A row that was masked.
-    void skip() { smooth({}); }
+    void skip() { smooth({}, 0); }
 
     // Mean square of the residuals.
     Real residual_variance() const { return counted() > 0 ? power_ / counted() : Real(0); }
+
+    // Spectral density of the residual itself at frequency zero. Times P it is the variance of what a slow
+    // regressor tells, better known than the sandwich's, which a few strong rows decide; of a fast one it is
+    // less than that where noise is differenced.
+    Real residual_density() const { return counted() > 0 ? density_ / (counted() * noise_gain()) : Real(0); }
 
     // Below so many rows there is no covariance.
     std::uint32_t fewest_rows() const {
@@ -103,7 +109,12 @@ class ScoreErrors {
         return rows_ > settling_rows() ? static_cast<Real>(rows_ - settling_rows()) : Real(0);
     }
 
-    void smooth(const Vector& score) {
+    void smooth(const Vector& score, Real residual) {
+        for (Real& pole : residual_poles_) {
+            pole += kGain * (residual - pole);
+            residual = pole;
+        }
+        density_ += residual * residual;
         for (int i = 0; i < size_; ++i) {
             Real input = score[index(i)];
             for (Vector& pole : poles_) {
@@ -118,7 +129,8 @@ class ScoreErrors {
 
     std::array<Real, static_cast<std::size_t>(N*(N + 1) / 2)> middle_{};
     std::array<Vector, 3> poles_{};  // the score behind one, two, three of them
-    Real power_ = 0;
+    std::array<Real, 3> residual_poles_{};
+    Real power_ = 0, density_ = 0;
     std::uint32_t rows_ = 0;
     int size_ = N;
 };

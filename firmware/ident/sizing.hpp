@@ -5,11 +5,14 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <utility>
 
 #include "firmware/ident/probe.hpp"
+#include "firmware/model/effects.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
 
 namespace wheelwright::ident {
@@ -89,6 +92,28 @@ inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& f
 inline constexpr double kStillNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
 inline double standing_speed_rad_per_s(double angle_noise_rad, int speed_span, double sample_time_s) {
     return kStillNoises * angle_noise_rad / ((speed_span + 2) * sample_time_s);
+}
+
+// Friction that the robot file does not list gets columns where they are worth it: without them K7 and K8 are
+// off by its share of the torque at most, and that may be more than their wanted standard error. Only as far
+// as there is room beside what is listed, not where dry friction is listed in another form, and not where the
+// file keeps numbers of it but says that they are not active.
+template <typename Real>
+void add_friction(model::EffectSet<Real>& effects, double dry_share, double relative_standard_error) {
+    constexpr std::size_t kDry = model::find_effect("coulomb_friction");
+    constexpr std::size_t kViscous = model::find_effect("viscous_friction");
+    constexpr std::size_t kOtherDry = model::find_effect("stribeck_friction");
+    static_assert(std::max({kDry, kViscous, kOtherDry}) < model::kEffectCount);
+    if (dry_share <= relative_standard_error || effects.active[kOtherDry]) return;
+    for (const std::size_t i : {kDry, kViscous}) {
+        const model::Parameters<Real>& kept = effects.parameter[i];
+        if (std::any_of(kept.begin(), kept.end(), [](Real value) { return value != 0; })) continue;
+        std::array<bool, model::kEffectCount> with = effects.active;
+        with[i] = true;
+        std::array<bool, model::kEffectCount> expected = model::estimated_effects(effects.active);
+        expected[i] = true;
+        if (model::estimated_effects(with) == expected) effects.active = with;
+    }
 }
 
 inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& found) {

@@ -128,6 +128,7 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     put("velocity_loop.angle_noise_rad", run_.probe().findings().angle_noise_rad);
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!e.effects.active[i]) continue;
+        if (!live.effects.active[i]) service.record(model::effect_index(i, model::kEffectActiveSlot), 1);
         const auto& parameters = model::kEffects[i].parameters;
         for (std::size_t j = 0; j < parameters.size(); ++j) {
             service.record(

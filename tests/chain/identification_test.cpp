@@ -63,6 +63,22 @@ TEST(ChainIdentification, all_four_within_two_percent_and_intervals_that_hold) {
     CHECK(farthest_m < chain::believed().parameters.ident.distance_limit_m);
 }
 
+TEST(ChainIdentification, friction_that_the_file_does_not_list_is_found_and_compensated_all_the_same) {
+    model::RobotParameters silent = chain::believed().parameters;
+    silent.effects = {};
+    Simulation sim(silent, chain::real().parameters, chain::options(5));
+    sim.run_for(0.5);
+    const IdentificationResult result = identify(sim);
+    CHECK(result.succeeded);
+    CHECK(std::abs(result.estimate.dynamics.k7_per_kg_m / chain::truth().k7_per_kg_m - 1) < 0.005);
+    CHECK(std::abs(result.estimate.dynamics.k8_per_kg_m2 / chain::truth().k8_per_kg_m2 - 1) < 0.005);
+    const std::size_t dry = model::find_effect("coulomb_friction");
+    CHECK(sim.parameters().effects.active[dry]);
+    CHECK(sim.parameters().effects.active[model::find_effect("viscous_friction")]);
+    DOUBLES_EQUAL(chain::real().parameters.effects.parameter[dry][0],
+                  sim.parameters().effects.parameter[dry][0], 0.01);
+}
+
 TEST(ChainIdentification, friction_is_found_too) {
     Simulation sim(chain::believed().parameters, chain::real().parameters, chain::options(7));
     sim.run_for(0.5);

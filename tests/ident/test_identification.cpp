@@ -153,6 +153,49 @@ TEST(Identification, without_friction_columns_its_errors_say_that_something_is_m
     CHECK(std::abs(error) > 0.005 * truth.k7);  // something is
 }
 
+namespace {
+
+// Root mean square error over standard error of K5..K8, some seeds.
+std::array<double, 4> rms_z(const ident::IdentificationOptions<double>& options, const RobotTruth& truth) {
+    constexpr unsigned kSeeds = 12;
+    std::array<double, 4> square{};
+    for (unsigned seed = 0; seed < kSeeds; ++seed) {
+        ident::IdentificationRun<double> run;
+        identify(run, options, truth, seed);
+        const auto value = values(run.estimate().dynamics);
+        const auto error = values(run.estimate().standard_error);
+        for (std::size_t i = 0; i < 4; ++i)
+            square[i] += std::pow((value[i] - truth_of(truth)[i]) / error[i], 2) / kSeeds;
+    }
+    std::printf("\n  rms z");
+    for (std::size_t i = 0; i < 4; ++i) std::printf("  %s %.2f", kNames[i], std::sqrt(square[i]));
+    return {std::sqrt(square[0]), std::sqrt(square[1]), std::sqrt(square[2]), std::sqrt(square[3])};
+}
+
+}  // namespace
+
+TEST(Identification, does_not_take_wheels_less_alike_than_the_file_says_for_another_K5_or_K6) {
+    const RobotTruth truth;
+    auto options = options_for<double>(truth);
+    options.estimator.filter.geometry.wheel_radius_m.left *= 1.01;
+    options.estimator.filter.geometry.wheel_radius_m.right *= 0.99;
+    for (const double z : rms_z(options, truth)) CHECK(z < 1.7);
+}
+
+TEST(Identification, does_not_take_dry_friction_about_a_reversal_for_a_smaller_K7_or_K8) {
+    RobotTruth truth;
+    truth.counts_per_turn = 8192;  // so that nobody knows when a wheel turns round
+    truth.angle_noise_rad = 0;
+    truth.coulomb_left_Nm = truth.coulomb_right_Nm = 0.7;
+    auto options = options_for<double>(truth);
+    options.excitation.amplitude_Nm = 2.5;
+    options.excitation.bit_time_s = 0.02;
+    options.estimator.filter.speed_span = 4;
+    options.estimator.filter.standing_speed_rad_per_s = 0.4;
+    options.estimator.filter.standing_samples = 12;
+    for (const double z : rms_z(options, truth)) CHECK(z < 1.7);
+}
+
 TEST(Identification, stops_by_itself_when_the_errors_are_small_enough) {
     const RobotTruth truth;
     auto options = options_for<double>(truth);
@@ -390,4 +433,30 @@ TEST(RegressionRows, are_masked_while_a_wheel_stands_and_when_told_so) {
     CHECK(usable([](double t) { return 3 * t; }, 150).second == 3);
     // passing quickly through zero spoils nothing
     CHECK(usable([](double t) { return 75 * (t - 0.15) * (t - 0.15); }, -1).second == 0);
+}
+
+TEST_GROUP(UnlistedFriction){};
+
+TEST(UnlistedFriction, gets_columns_where_it_is_felt_and_there_is_room) {
+    const std::size_t dry = model::find_effect("coulomb_friction");
+    const std::size_t viscous = model::find_effect("viscous_friction");
+    const auto added = [](model::EffectSet<double> effects, double dry_share) {
+        ident::add_friction(effects, dry_share, 0.005);
+        return effects.active;
+    };
+    model::EffectSet<double> effects;
+    CHECK(added(effects, 0.1)[dry] && added(effects, 0.1)[viscous]);
+    CHECK_FALSE(added(effects, 0.004)[dry]);
+
+    effects.parameter[dry][0] = 0.3;  // known, and said not to be there
+    CHECK_FALSE(added(effects, 0.1)[dry]);
+
+    effects = {};
+    effects.active[model::find_effect("torque_bias")] = true;  // two of the four columns
+    CHECK(added(effects, 0.1)[dry]);
+    CHECK_FALSE(added(effects, 0.1)[viscous]);
+
+    effects = {};
+    effects.active[model::find_effect("stribeck_friction")] = true;
+    CHECK_FALSE(added(effects, 0.1)[dry]);
 }

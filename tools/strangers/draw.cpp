@@ -46,12 +46,16 @@ double above_default(double value, std::string_view key) {
     return std::max(value, 1.1 * model::find_parameter(key)->standard);
 }
 
-// The template without what stands there for ident.
-std::string template_without_ident() {
+// The template without what stands there for ident, and perhaps without the frictions.
+std::string template_for(bool lists_friction) {
     std::string text(files::template_toml);
-    const std::size_t begin = text.find("\n[ident]");
-    if (begin == std::string::npos) return text;
-    return text.erase(begin, text.find("\n[", begin + 1) - begin);
+    const auto without = [&text](const char* from, const char* to) {
+        const std::size_t begin = text.find(from);
+        if (begin != std::string::npos) text.erase(begin, text.find(to, begin + 1) - begin);
+    };
+    without("\n[ident]", "\n[");
+    if (!lists_friction) without("\n# What the ident mode looks for beside K5..K8", "\n[safety]");
+    return text;
 }
 
 // The figure-8 is six tracks long, and as quick as 60 % of the speed limits and a quarter of the acceleration
@@ -182,6 +186,8 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     robot.payload.left_m = track_m * draw.uniform(-1, 1) / 3;
     robot.payload.inertia_kg_m2 = robot.payload.mass_kg * std::pow(track_m * draw.uniform(0.2, 0.5), 2) / 6;
 
+    robot.lists_friction = draw.share(0.5);
+
     // ---- what the builder writes
     const std::int64_t torque_period_ms = robot.torque_feedback ? 10 : 0;
     const double half_track_m = track_m / 2;
@@ -229,7 +235,7 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     const std::string who =
         "robot " + std::to_string(number) + " of `wheelwright robots --seed " + std::to_string(seed) + "`";
     robot.robot_toml = headed("# What a builder could write about " + who + ", made from template.toml.\n",
-                              with_values(template_without_ident(), believed));
+                              with_values(template_for(robot.lists_friction), believed));
     robot.believed = read(robot.robot_toml, name + "/robot.toml");
 
     // ---- the truth

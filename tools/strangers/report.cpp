@@ -92,6 +92,7 @@ std::string remarks(const RobotResult& r) {
     add(r.robot.weak_wheel, "weak wheel");
     add(!r.robot.torque_feedback, "no torque feedback");
     add(!r.robot.external_pose, "no pose");
+    add(!r.robot.lists_friction, "friction not listed");
     add(r.driving && !r.driving->blocker.empty(), r.driving ? r.driving->blocker : "");
     return text;
 }

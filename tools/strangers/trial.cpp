@@ -216,14 +216,32 @@ std::string end_of(const Simulation& sim) {
 }
 
 model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant) {
-    const model::RobotParameters& truth = robot.truth.parameters;
-    model::Dynamics<double> k = sim::plant_dynamics(plant);
-    const double alone =
-        1 - plant.mass_coupling_kg_m * plant.mass_coupling_kg_m / (plant.mass_kg * plant.inertia_kg_m2);
-    const double gain = (truth.drive.left.torque_scale + truth.drive.right.torque_scale) / 2;
-    k.k7_per_kg_m *= gain / alone;
-    k.k8_per_kg_m2 *= gain / alone;
-    return as_seen_with(k, truth.geometry, robot.believed.parameters.geometry);
+    const auto& drive = robot.truth.parameters.drive;
+    const model::Geometry<double>& file = robot.believed.parameters.geometry;
+    const double half_track = plant.geometry.track_m / 2;
+    const double determinant =
+        plant.mass_kg * plant.inertia_kg_m2 - plant.mass_coupling_kg_m * plant.mass_coupling_kg_m;
+    // Accelerations by force and yaw torque, and as the file's geometry makes them of the wheels'.
+    const auto response = [&](double force_N, double yaw_Nm) {
+        const Twist<double> truly{
+            (plant.inertia_kg_m2 * force_N - plant.mass_coupling_kg_m * yaw_Nm) / determinant,
+            (plant.mass_kg * yaw_Nm - plant.mass_coupling_kg_m * force_N) / determinant};
+        return model::twist_from_wheel_speeds(file, model::wheel_speeds_from_twist(plant.geometry, truly));
+    };
+    const auto by_torque = [&](double left_Nm, double right_Nm) {
+        const double left_N = drive.left.torque_scale * left_Nm / plant.geometry.wheel_radius_m.left;
+        const double right_N = drive.right.torque_scale * right_Nm / plant.geometry.wheel_radius_m.right;
+        return response(left_N + right_N, half_track * (right_N - left_N));
+    };
+    const auto by_motion = [&](const Twist<double>& seen) {
+        const Twist<double> truly =
+            model::twist_from_wheel_speeds(plant.geometry, model::wheel_speeds_from_twist(file, seen));
+        return response(plant.centrifugal_kg_m * truly.omega_rad_per_s * truly.omega_rad_per_s,
+                        plant.coriolis_kg_m * truly.v_m_per_s * truly.omega_rad_per_s);
+    };
+    return {by_motion({0, 1}).v_m_per_s,
+            (by_motion({1, 1}).omega_rad_per_s - by_motion({1, -1}).omega_rad_per_s) / 2,
+            by_torque(0.5, 0.5).v_m_per_s, by_torque(-0.5, 0.5).omega_rad_per_s};
 }
 
 RobotResult run_trial(const DrawnRobot& robot, const TrialOptions& options) {

@@ -77,9 +77,8 @@ struct RobotResult {
 // why it never began.
 std::string end_of(const Simulation& sim);
 
-// K5..K8 as the firmware can at best find them: with its geometry, and with the mean of both drives' gains
-// where they are unlike (a weak wheel), as forward torque and turning torque each use both. A load beside the
-// middle couples the two; then K7 and K8 are what each torque does in its own direction.
+// K5..K8 as an observer with the file's geometry sees them: what omega^2, v omega and a torque do in their
+// own direction. Exact for unlike wheels and gains, and with a load beside the middle.
 model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant);
 
 struct TrialOptions {

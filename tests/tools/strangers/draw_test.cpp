@@ -91,7 +91,7 @@ TEST(DrawnRobots, the_firmware_is_told_what_a_builder_knows) {
             CHECK_FALSE(given(robot.believed, table));
         for (const char* effect : {"viscous_friction", "coulomb_friction"}) {
             const std::size_t at = model::find_effect(effect);
-            CHECK(believed.effects.active[at]);
+            CHECK(believed.effects.active[at] == robot.lists_friction);
             CHECK(believed.effects.parameter[at][0] == 0 && believed.effects.parameter[at][1] == 0);
         }
         CHECK_EQUAL(truth.drive.left.sign, believed.drive.left.sign);
