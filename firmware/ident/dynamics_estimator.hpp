@@ -13,6 +13,8 @@
 //   spread                  the torque's second difference: a lag about the delay, less the drive's filter.
 //                           Without it a lag of 1 ms under bits of 10 ms makes K7 and K8 one per cent small
 //   cross torque            the difference in y1, the sum in y2: wheels, gears or drives that are not equal
+// and one for a robot that is not the file's:
+//   mirrored product        v omega in y1, v^2 in y2: one wheel goes backwards (mirror_test.hpp)
 //
 // An effect's parameter is the ratio of its coefficient and K7 (or K8). What both equations know of the
 // parameters is added up as information, so they come out where only both together tell them (with wheels
@@ -35,6 +37,7 @@
 
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
+#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/regression_filter.hpp"
 #include "firmware/ident/score_errors.hpp"
 #include "firmware/ident/ud_rls.hpp"
@@ -150,6 +153,24 @@ class DynamicsEstimator {
         return {share(equation_[0]), share(equation_[1])};
     }
 
+    // For judge_mirror(). Errors are zero as long as there are none.
+    CouplingTerms<Real> coupling_terms() const {
+        CouplingTerms<Real> terms;
+        for (std::size_t i = 0; i < 2; ++i) {
+            const auto& theta = equation_[i].rls.theta();
+            terms.filed[i] = {theta[kVelocityProduct], equation_[i].velocity_product_error};
+            terms.mirrored[i] = {theta[kMirroredProduct], equation_[i].mirrored_product_error};
+        }
+        terms.k7_per_kg_m = estimate_.dynamics.k7_per_kg_m;
+        terms.k8_per_kg_m2 = estimate_.dynamics.k8_per_kg_m2;
+        return terms;
+    }
+
+    // Torque gains beside K7 and K8: of the difference in y1, of the sum in y2. 0 for wheels that are equal.
+    TwistRate<Real> cross_gains() const {
+        return {equation_[0].rls.theta()[kCrossTorque], equation_[1].rls.theta()[kCrossTorque]};
+    }
+
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
     TwistRate<Real> residual_variance() const {
         return {equation_[0].errors.residual_variance(), equation_[1].errors.residual_variance()};
@@ -160,7 +181,9 @@ class DynamicsEstimator {
     static constexpr int kTiming = 2;  // own and cross
     static constexpr int kVelocityProduct = 2;
     static constexpr int kTorque = 3;
-    static constexpr int kFixed = 6;  // ..., spread, cross torque; from here on the effects' columns
+    static constexpr int kCrossTorque = 5;  // behind spread
+    static constexpr int kMirroredProduct = 6;
+    static constexpr int kFixed = 7;  // from here on the effects' columns
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr int kMaxColumns = static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr double kLargestTapSpacing_s = 0.003;
@@ -189,6 +212,7 @@ class DynamicsEstimator {
         std::uint32_t runs = 0;
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
+        Real mirrored_product_error{};
         Real torque_error{};
         ColumnVector effect = ColumnVector::Zero();  // the effects' parameters as this equation sees them
         ColumnMatrix effect_covariance = ColumnMatrix::Zero();
@@ -205,24 +229,27 @@ class DynamicsEstimator {
     void update_linear() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         regress(
-            equation_[0], row.omega_squared, row.acceleration.v_m_per_s2,
+            equation_[0], row.omega_squared, row.v_omega, row.acceleration.v_m_per_s2,
             [](const WheelPair<Real>& pair) { return pair.sum(); },
             [](const WheelPair<Real>& pair) { return pair.difference(); });
     }
     void update_turning() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         regress(
-            equation_[1], row.v_omega, row.acceleration.omega_rad_per_s2,
+            equation_[1], row.v_omega, row.v_squared, row.acceleration.omega_rad_per_s2,
             [](const WheelPair<Real>& pair) { return pair.difference(); },
             [](const WheelPair<Real>& pair) { return pair.sum(); });
     }
     template <typename Own, typename Cross>
-    void regress(Equation& equation, Real velocity_product, Real y, Own&& own, Cross&& cross) {
+    void regress(Equation& equation, Real velocity_product, Real mirrored_product, Real y, Own&& own,
+                 Cross&& cross) {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         const auto& [early, torque, late] = row.torque_Nm;
         const Real timing = own(late) - own(early);
         const Real spread = own(early) + own(late) - 2 * own(torque);
-        Vector phi{timing, cross(late) - cross(early), velocity_product, own(torque), spread, cross(torque)};
+        Vector phi{
+            timing,          cross(late) - cross(early), velocity_product, own(torque), spread, cross(torque),
+            mirrored_product};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
             phi[kFixed + j] = own(row.column[j]);
         let_timing_wander(equation, timing);
@@ -272,6 +299,9 @@ class DynamicsEstimator {
         const auto p_product = covariances(equation, kVelocityProduct);
         equation.velocity_product_error =
             error(equation, kVelocityProduct, equation.errors.covariance(p_product, p_product));
+        const auto p_mirrored = covariances(equation, kMirroredProduct);
+        equation.mirrored_product_error =
+            error(equation, kMirroredProduct, equation.errors.covariance(p_mirrored, p_mirrored));
         std::array<typename Errors::Vector, model::kMaxEstimatedColumns + 1>
             p;  // of the torque, and of each effect
         p[0] = covariances(equation, kTorque);

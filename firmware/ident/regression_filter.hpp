@@ -42,9 +42,10 @@ struct IdentSample {
 // One row of both regressions. Sums and differences are right + left and right - left.
 template <typename Real, int kTaps = 1>
 struct RegressionRow {
-    TwistRate<Real> acceleration;                                       // y1, y2
-    Real omega_squared{};                                               // K5's regressor
-    Real v_omega{};                                                     // K6's regressor
+    TwistRate<Real> acceleration;  // y1, y2
+    Real omega_squared{};          // K5's regressor
+    Real v_omega{};                // K6's regressor
+    Real v_squared{};  // and a mirrored robot's: with several taps only, where a robot is first identified
     std::array<WheelPair<Real>, kTaps> torque_Nm{};                     // one for each tap
     std::array<WheelPair<Real>, model::kMaxEstimatedColumns> column{};  // torque per unit of a parameter
     bool usable = false;  // no wheel stood still, no sample was marked unusable
@@ -176,7 +177,8 @@ class RegressionFilter {
     static constexpr unsigned kTorques = 64;
     static constexpr double kMinimumDelay = -2;
     static constexpr double kMaximumDelay = 27;
-    static constexpr std::size_t kFirstColumn = 2 + 2 * static_cast<std::size_t>(kTaps);
+    static constexpr std::size_t kFirstTap = kTaps > 1 ? 3 : 2;  // behind the products of the speeds
+    static constexpr std::size_t kFirstColumn = kFirstTap + 2 * static_cast<std::size_t>(kTaps);
     static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxEstimatedColumns;
     using Signals = std::array<Real, kSignals>;
 
@@ -231,6 +233,7 @@ class RegressionFilter {
         const model::Motion<Real> motion = motion_at(now, heading_rad, speed);
         g[0] = motion.twist.omega_rad_per_s * motion.twist.omega_rad_per_s;
         g[1] = motion.twist.v_m_per_s * motion.twist.omega_rad_per_s;
+        if constexpr (kTaps > 1) g[2] = motion.twist.v_m_per_s * motion.twist.v_m_per_s;
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
             const Tap& tap = tap_[k];
             // torque_[n] was told in cycle n - 1
@@ -238,8 +241,8 @@ class RegressionFilter {
             const WheelPair<Real>& a = torque_[n % kTorques];
             const WheelPair<Real>& b = torque_[(n - 1) % kTorques];
             const WheelPair<Real>& c = torque_[(n - 2) % kTorques];
-            g[2 + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
-            g[3 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
+            g[kFirstTap + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
+            g[kFirstTap + 1 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
         }
         const model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
         std::size_t at = kFirstColumn;
@@ -274,10 +277,10 @@ class RegressionFilter {
                                 known.right += amount * d.right;
                             });
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
-            context.applied_torque_Nm = {g[2 + 2 * k], g[3 + 2 * k]};
+            context.applied_torque_Nm = {g[kFirstTap + 2 * k], g[kFirstTap + 1 + 2 * k]};
             const WheelPair<Real> delivered = model::delivered_torque_Nm(known_, context);
-            g[2 + 2 * k] = delivered.left + known.left;
-            g[3 + 2 * k] = delivered.right + known.right;
+            g[kFirstTap + 2 * k] = delivered.left + known.left;
+            g[kFirstTap + 1 + 2 * k] = delivered.right + known.right;
         }
     }
 
@@ -327,8 +330,9 @@ class RegressionFilter {
         row_.acceleration = {(right + left) / 2, (right - left) * inverse_track_};
         row_.omega_squared = g[0];
         row_.v_omega = g[1];
+        if constexpr (kTaps > 1) row_.v_squared = g[2];
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k)
-            row_.torque_Nm[k] = {g[2 + 2 * k], g[3 + 2 * k]};
+            row_.torque_Nm[k] = {g[kFirstTap + 2 * k], g[kFirstTap + 1 + 2 * k]};
         for (std::size_t c = 0; c < static_cast<std::size_t>(columns_); ++c)
             row_.column[c] = {g[kFirstColumn + 2 * c], g[kFirstColumn + 2 * c + 1]};
         row_.usable = masked_blocks_ == 0;
