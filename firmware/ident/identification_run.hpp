@@ -53,6 +53,7 @@ class IdentificationRun {
         sizing_ = {};
         watch_ = {};
         signs_agree_ = false;
+        lowered_ = 0;
         const double dt = options.excitation.sample_time_s;
         last_cycle_ = static_cast<std::uint32_t>(options.duration_s / dt);
         excitation_.start(options.excitation, pose, seed);
@@ -81,6 +82,7 @@ class IdentificationRun {
         } else if (estimator_.push(sample)) {
             signs_agree_ = look_at_signs(estimator_.coupling_terms()) == Mirror::as_filed;
             if (!finished()) look_at_wheels();
+            if (!finished() && look_at_gains()) return {};
             if (!finished() && estimator_.estimate().good_enough && !options_.run_full_time)
                 succeed(IdentCause::good_enough);
         }
@@ -127,6 +129,8 @@ class IdentificationRun {
     // coarse encoder can leave more than the first.
     static constexpr Real kUnexplained = Real(0.05);
     static constexpr Real kTooMuchUnexplained = Real(0.15);
+    static constexpr Real kSureOfLess = 4;      // standard errors
+    static constexpr int kMostLowered = 3;      // drives that deliver less and less get too hot
     static constexpr double kSureOfWheels = 6;  // standard errors
     static constexpr double kFollowed = 0.95;   // of a torque that was asked
     static constexpr int kReportsToJudge = 25;
@@ -231,6 +235,42 @@ class IdentificationRun {
         if (lifted != IdentCause::none) stop(lifted);
     }
 
+    // The probe's gentle pushes give K7 and K8 that are never too large by more than a few per cent. Where
+    // the run finds less of both, less torque arrives than was told. True: it begins anew with less.
+    bool look_at_gains() {
+        if (!options_.probe) return false;
+        const DynamicsEstimate<Real>& now = estimator_.estimate();
+        const auto share = [](Real k, Real error, double probed) {
+            return static_cast<double>(k + kSureOfLess * error) / probed;
+        };
+        const ProbeFindings& found = probe_.findings();
+        const double delivered =
+            std::max(share(now.dynamics.k7_per_kg_m, now.standard_error.k7_per_kg_m, found.k7_per_kg_m),
+                     share(now.dynamics.k8_per_kg_m2, now.standard_error.k8_per_kg_m2, found.k8_per_kg_m2));
+        if (!(delivered < kFollowed)) return false;
+        excite_with(delivered);
+        return true;
+    }
+
+    // Of the amplitude only this share arrives: once more, with less than that.
+    void excite_with(double delivered_share) {
+        const ProbeFindings& found = probe_.findings();
+        Real& amplitude_Nm = options_.excitation.amplitude_Nm;
+        const double delivered_Nm = delivered_share * static_cast<double>(amplitude_Nm);
+        if (++lowered_ > kMostLowered || !(kBelowSeen * delivered_Nm > kMovesEnough * found.friction_Nm))
+            return stop(IdentCause::torque_not_followed);
+        probe_.lower_torque_limit(delivered_Nm);
+        amplitude_Nm = static_cast<Real>(kBelowSeen * delivered_Nm);
+        options_.estimator.dry_share = static_cast<Real>(found.friction_Nm) / amplitude_Nm;
+        watch_ = {};
+        estimator_.configure(options_.estimator);
+        excitation_.start(options_.excitation, start_, seed_);
+        if (delay_.valid && state_ == IdentState::estimating)
+            estimator_.set_delay(static_cast<double>(delay_.delay_s));
+        else
+            excite();
+    }
+
     void look_at_delay() {
         look_at_signs(delay_estimator_.coupling_terms());
         if (finished()) return;
@@ -261,7 +301,7 @@ class IdentificationRun {
             const double ratio = got[i] / (now[i] * probe_.findings().report_ratio);
             watch_.ratio[i] += (ratio - watch_.ratio[i]) / kReportsToJudge;
             if (++watch_.reports[i] > kReportsToJudge && watch_.ratio[i] < kFollowed)
-                stop(IdentCause::torque_not_followed);
+                return excite_with(watch_.ratio[i]);
         }
         watch_.told = {now[0], now[1]};
     }
@@ -273,6 +313,9 @@ class IdentificationRun {
         return k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 && e.k7_per_kg_m <= share * k.k7_per_kg_m &&
                e.k8_per_kg_m2 <= share * k.k8_per_kg_m2;
     }
+
+    // With one sign wrong K7 and K8 would be wrong too, and what would tell is known too badly.
+    bool signs_known() const { return !options_.probe || signs_agree_ || probe_.findings().pose_seen; }
 
     bool coupling_still_good() const {
         const Real most = kStillGoodCoupling * options_.estimator.coupling_standard_error_m;
@@ -290,8 +333,10 @@ class IdentificationRun {
             // run to the end on purpose, with errors small enough: that is done, not a limit
             if (estimator_.estimate().good_enough) {
                 succeed(IdentCause::good_enough);
-            } else if (state_ == IdentState::estimating && still_good()) {
-                succeed(coupling_still_good() ? IdentCause::good_enough : IdentCause::coupling_not_known);
+            } else if (state_ == IdentState::estimating && still_good() && coupling_still_good()) {
+                succeed(IdentCause::good_enough);
+            } else if (state_ == IdentState::estimating && still_good() && signs_known()) {
+                succeed(IdentCause::coupling_not_known);
             } else {
                 stop(unexplained() > kTooMuchUnexplained ? IdentCause::model_incomplete
                                                          : IdentCause::time_over);
@@ -325,6 +370,7 @@ class IdentificationRun {
     std::uint32_t last_delay_cycle_ = 0;
     std::uint32_t last_cycle_ = 0;
     bool signs_agree_ = false;
+    int lowered_ = 0;
     IdentState state_ = IdentState::done;
     IdentCause cause_ = IdentCause::none;
 };

@@ -118,6 +118,11 @@ class Probe {
 
     bool finished() const { return stage_ == Stage::done; }
     const ProbeFindings& findings() const { return found_; }
+    // What the run found later: the drives deliver less.
+    void lower_torque_limit(double delivered_Nm) {
+        found_.clipped = true;
+        found_.torque_limit_Nm = std::min(found_.torque_limit_Nm, delivered_Nm);
+    }
 
     // A wheel that runs away from a push that hardly moves the other one has no floor below it. none: the
     // robot is pushed as a whole, or not at all.
@@ -386,18 +391,23 @@ class Probe {
             // what is left beside the torque's share is friction's
             const double both = (d.left + d.right) / 2;
             found_.friction_Nm = both > 0 ? std::max(0.0, rubbed_.mean() / both) : 0;
-            found_.k7_per_kg_m = both / 2;
+            k7_per_kg_m_ = both / 2;
             pushed_well_ = pushed_well();
             const double error = kSure * std::max(forward_error_.left, forward_error_.right);
             const IdentCause fault = runs_free({d.left + error, d.right + error});
             if (fault != IdentCause::none) return end(fault);
         } else {
             pushed_well_ = pushed_well_ && pushed_well();
-            found_.k8_per_kg_m2 = (d.right - d.left) / 2 / options_.geometry.track_m;
+            const double k8 = (d.right - d.left) / 2 / options_.geometry.track_m;
             found_.pushed_m_per_s2_Nm = {(forward_.left - d.left) / 2, (forward_.right + d.right) / 2};
             own_error_ = {std::hypot(forward_error_.left, answered_[0].error()) / 2,
                           std::hypot(forward_error_.right, answered_[1].error()) / 2};
             found_.dragged_m_per_s2_Nm = {(forward_.left + d.left) / 2, (forward_.right - d.right) / 2};
+            // the brakes work with these from now on
+            if (k7_per_kg_m_ > 0 && k8 > 0 && answers_stand_out()) {
+                found_.k7_per_kg_m = k7_per_kg_m_;
+                found_.k8_per_kg_m2 = k8;
+            }
         }
         rest_then(turning ? Stage::pulses : Stage::turning);
     }
@@ -407,21 +417,22 @@ class Probe {
         return std::abs(stage_way().forward_m) < kPushesRoomShare * options_.distance_limit_m;
     }
 
+    double own_error() const { return kSure * std::max(own_error_.left, own_error_.right); }
+    bool answers_stand_out() const {
+        return std::max(found_.pushed_m_per_s2_Nm.left, found_.pushed_m_per_s2_Nm.right) > own_error();
+    }
     bool judge_coupling() {
-        const auto& own = found_.pushed_m_per_s2_Nm;
-        const double error = kSure * std::max(own_error_.left, own_error_.right);
-        if (!(std::max(own.left, own.right) > error)) return false;  // too little is seen of it
-        const IdentCause fault = wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, error, pushed_well_);
+        if (!answers_stand_out()) return false;
+        const IdentCause fault = wheel_off_ground({found_.pushed_m_per_s2_Nm, found_.dragged_m_per_s2_Nm},
+                                                  own_error(), pushed_well_);
         if (fault != IdentCause::none) end(fault);
         return fault != IdentCause::none;
     }
     // Pushes that moved nothing, or nothing that stands out.
     bool judge_answers() {
         const auto& own = found_.pushed_m_per_s2_Nm;
-        const double error = kSure * std::max(own_error_.left, own_error_.right);
-        const bool hidden = !(std::max(own.left, own.right) > error);
-        if (found_.k7_per_kg_m > 0 && found_.k8_per_kg_m2 > 0 && own.left > 0 && own.right > 0) return false;
-        end(hidden                 ? IdentCause::no_room
+        if (found_.k7_per_kg_m > 0 && own.left > 0 && own.right > 0) return false;
+        end(!answers_stand_out()   ? IdentCause::no_room
             : own.left > own.right ? IdentCause::right_wheel_does_not_turn
                                    : IdentCause::left_wheel_does_not_turn);
         return true;
@@ -557,6 +568,7 @@ class Probe {
     std::size_t ring_at_ = 0;
     Parabola rest_fit_, rest_fit_other_;
     double rest_noise_rad_ = 0;
+    double k7_per_kg_m_ = 0;
     double push_Nm_ = 0, went_s_ = 0, pulse_s_ = 0, leg_s_ = 0;
     std::array<double, 2> quadruple_{};
     std::array<std::array<Parabola, 2>, 2> fit_{};
