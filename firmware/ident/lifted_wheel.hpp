@@ -29,16 +29,16 @@ inline protocol::IdentCause runs_free(const WheelPair<double>& motion, double ra
 // for part of the time), only runs_free() is sure.
 inline protocol::IdentCause wheel_off_ground(const WheelAnswers& answers, double error,
                                              bool friction_cancels = true) {
-    constexpr double kApart =
-        0.15;  // of its own push: less than that a wheel on the ground drags the other with
-    // And its own push moves it by so much more than the other one: between a drive that gives 0.7 of what it
-    // should (1.43) and a lifted wheel whose rotor is 0.6 of all that the torque moves (1 / 0.6).
-    constexpr double kFreeRatio = 1.55;
     const auto& [own, other] = answers;
-    const bool apart =
-        std::max(std::abs(other.left), std::abs(other.right)) < kApart * std::max(own.left, own.right);
-    return runs_free({own.left + error, own.right + error},
-                     apart && friction_cancels ? kFreeRatio : kRunsFree);
+    const double coupling =
+        std::max(std::abs(other.left), std::abs(other.right)) / std::max(own.left, own.right);
+    // A drive that gives 0.7 of what it should makes 1.43, and a lifted wheel whose rotor is 0.6 of all that
+    // the torque moves 1 / 0.6. A centre of gravity a tenth of the track beside the middle makes up to 1.54
+    // with a coupling below 0.05, and 1.7 with more.
+    double ratio = kRunsFree;
+    if (friction_cancels && coupling < 0.15) ratio = 2.2;
+    if (friction_cancels && coupling < 0.05) ratio = 1.55;
+    return runs_free({own.left + error, own.right + error}, ratio);
 }
 
 }  // namespace wheelwright::ident

@@ -115,6 +115,8 @@ TEST(ProbeParts, a_lifted_wheel_is_told_from_a_weak_drive_and_from_wheels_that_d
     CHECK(wheel_off_ground({{1, 0.7}, {0, 0}}, 0.01) == IdentCause::none);
     CHECK(wheel_off_ground({{1, 0.5}, {-0.3, -0.15}}, 0.01) == IdentCause::none);
     CHECK(wheel_off_ground({{1, 1}, {0, 0}}, 0.01) == IdentCause::none);
+    // a centre of gravity a tenth of the track beside the middle
+    CHECK(wheel_off_ground({{1.853, 2.92}, {-0.28, -0.28}}, 0.01) == IdentCause::none);
     // noise, and pushes so gentle that friction takes its part
     CHECK(wheel_off_ground({{1.67, 1}, {0, 0}}, 0.3) == IdentCause::none);
     CHECK(wheel_off_ground({{2.4, 1}, {0, 0}}, 0.01, false) == IdentCause::none);
