@@ -18,6 +18,7 @@
 #include <cstdint>
 
 #include "firmware/ident/coloured_errors.hpp"
+#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/regression_filter.hpp"
 #include "firmware/ident/ud_rls.hpp"
 
@@ -59,7 +60,8 @@ class DelayEstimator {
     void push(const IdentSample<Real>& sample) {
         if (filter_.push(sample)) {
             if (filter_.row().usable) {
-                update(equation_[0], filter_.row().omega_squared, filter_.row().acceleration.v_m_per_s2,
+                const auto& row = filter_.row();
+                update(equation_[0], row.omega_squared, row.v_omega, row.acceleration.v_m_per_s2,
                        [](const WheelPair<Real>& pair) { return pair.sum(); });
                 turning_pending_ = true;
                 ++rows_;
@@ -67,7 +69,8 @@ class DelayEstimator {
                 for (Equation& equation : equation_) equation.errors.skip();
             }
         } else if (turning_pending_) {
-            update(equation_[1], filter_.row().v_omega, filter_.row().acceleration.omega_rad_per_s2,
+            const auto& row = filter_.row();
+            update(equation_[1], row.v_omega, row.v_squared, row.acceleration.omega_rad_per_s2,
                    [](const WheelPair<Real>& pair) { return pair.difference(); });
             turning_pending_ = false;
         }
@@ -90,12 +93,28 @@ class DelayEstimator {
 
     std::uint32_t rows() const { return rows_; }
 
+    // For judge_mirror(); K7 and K8 are the sums of the taps. About 1000 operations.
+    CouplingTerms<Real> coupling_terms() const {
+        CouplingTerms<Real> terms;
+        for (std::size_t i = 0; i < 2; ++i) {
+            terms.filed[i] = term(equation_[i], 0);
+            terms.mirrored[i] = term(equation_[i], 1);
+        }
+        const auto sum = [](const Vector& theta) {
+            return theta[kTap] + theta[kTap + 1] + theta[kTap + 2] + theta[kTap + 3];
+        };
+        terms.k7_per_kg_m = sum(equation_[0].rls.theta());
+        terms.k8_per_kg_m2 = sum(equation_[1].rls.theta());
+        return terms;
+    }
+
   private:
     static constexpr int kTaps = 4;
     static constexpr double kTapSpacing_s = 0.002;
     static constexpr double kLongestFurther_s = 0.008;
     static constexpr double kLongestKernel_s = 0.0285;
-    static constexpr int kFixed = 1 + kTaps;
+    static constexpr int kTap = 2;  // the first, behind the velocity product and the mirrored one
+    static constexpr int kFixed = kTap + kTaps;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr Real kPriorVariance = Real(1e6);
     static constexpr std::uint32_t kEnoughRows = 60;
@@ -111,13 +130,21 @@ class DelayEstimator {
     };
 
     template <typename Combine>
-    void update(Equation& equation, Real velocity_product, Real y, Combine&& combine) {
+    void update(Equation& equation, Real velocity_product, Real mirrored_product, Real y, Combine&& combine) {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        Vector phi{velocity_product};
-        for (std::size_t k = 0; k < kTaps; ++k) phi[1 + k] = combine(row.torque_Nm[k]);
+        Vector phi{velocity_product, mirrored_product};
+        for (std::size_t k = 0; k < kTaps; ++k) phi[kTap + k] = combine(row.torque_Nm[k]);
         for (std::size_t j = 0; j < static_cast<std::size_t>(filter_.columns()); ++j)
             phi[kFixed + j] = combine(row.column[j]);
         equation.errors.push(phi, equation.rls.update(phi, y));
+    }
+
+    typename CouplingTerms<Real>::Term term(const Equation& equation, int parameter) const {
+        Vector p{};
+        for (int i = 0; i < kFixed + filter_.columns(); ++i)
+            p[static_cast<std::size_t>(i)] = equation.rls.covariance(i, parameter);
+        const Real variance = equation.errors.covariance(equation.errors.noise_variances(), p, p);
+        return {equation.rls.theta()[static_cast<std::size_t>(parameter)], std::sqrt(variance)};
     }
 
     // sum(c_k t_k) / sum(c_k), t_k from the first tap on, and its first-order variance.
@@ -128,7 +155,7 @@ class DelayEstimator {
         Real total = 0;
         Real moment = 0;
         for (int k = 0; k < kTaps; ++k) {
-            const Real tap = theta[static_cast<std::size_t>(1 + k)];
+            const Real tap = theta[static_cast<std::size_t>(kTap + k)];
             total += tap;
             moment += tap * kSpacing * static_cast<Real>(k);
         }
@@ -138,7 +165,7 @@ class DelayEstimator {
         for (int i = 0; i < size; ++i)
             for (int k = 0; k < kTaps; ++k)
                 p[static_cast<std::size_t>(i)] +=
-                    equation.rls.covariance(i, 1 + k) * (kSpacing * static_cast<Real>(k) - value) / total;
+                    equation.rls.covariance(i, kTap + k) * (kSpacing * static_cast<Real>(k) - value) / total;
         const Real variance = equation.errors.covariance(equation.errors.noise_variances(), p, p);
         return {value, variance, variance > 0};
     }

@@ -13,12 +13,12 @@
 //   spread                  the torque's second difference: a lag about the delay, less the drive's filter.
 //                           Without it a lag of 1 ms under bits of 10 ms makes K7 and K8 one per cent small
 //   cross torque            the difference in y1, the sum in y2: wheels, gears or drives that are not equal
-//
 // Two more things are not known well enough:
 //   cross products          v omega in y1, omega^2 and v^2 in y2: what K5 and K6 become where the wheels are
 //                           not as alike as the geometry says, so that forward motion looks a little like
 //                           turning, or where a load lies beside the middle. Without them radii 0.1 % off
-//                           leave K6 ten standard errors off
+//                           leave K6 ten standard errors off. Where one wheel goes backwards, v omega and v^2
+//                           take the place of K5 and K6 (mirror_test.hpp)
 //   slow torque             a wheel's torque while its sign of sliding is not known for sure, about a
 //                           reversal. The friction column is wrong there, for longer after a reversal than
 //                           before it: then friction works against the torque. Without this column K7 and K8
@@ -45,6 +45,7 @@
 
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
+#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/regression_filter.hpp"
 #include "firmware/ident/score_errors.hpp"
 #include "firmware/ident/ud_rls.hpp"
@@ -159,6 +160,24 @@ class DynamicsEstimator {
         return {share(equation_[0]), share(equation_[1])};
     }
 
+    // For judge_mirror(). Errors are zero as long as there are none.
+    CouplingTerms<Real> coupling_terms() const {
+        CouplingTerms<Real> terms;
+        for (std::size_t i = 0; i < 2; ++i) {
+            const auto& theta = equation_[i].rls.theta();
+            terms.filed[i] = {theta[kVelocityProduct], equation_[i].velocity_product_error};
+            terms.mirrored[i] = {theta[kCrossProduct], equation_[i].mirrored_product_error};
+        }
+        terms.k7_per_kg_m = estimate_.dynamics.k7_per_kg_m;
+        terms.k8_per_kg_m2 = estimate_.dynamics.k8_per_kg_m2;
+        return terms;
+    }
+
+    // Torque gains beside K7 and K8: of the difference in y1, of the sum in y2. 0 for wheels that are equal.
+    TwistRate<Real> cross_gains() const {
+        return {equation_[0].rls.theta()[kCrossTorque], equation_[1].rls.theta()[kCrossTorque]};
+    }
+
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
     TwistRate<Real> residual_variance() const {
         return {equation_[0].errors.residual_variance(), equation_[1].errors.residual_variance()};
@@ -169,10 +188,10 @@ class DynamicsEstimator {
     static constexpr int kTiming = 2;  // own and cross
     static constexpr int kVelocityProduct = 2;
     static constexpr int kTorque = 3;
-    static constexpr int kCrossProduct = 6;  // two
+    static constexpr int kCrossTorque = 5;   // behind spread
+    static constexpr int kCrossProduct = 6;  // two; the first is a mirrored robot's
     static constexpr int kSlowTorque = 8;
-    // ..., spread, cross torque, cross products, slow torque; from here on the effects' columns
-    static constexpr int kFixed = 9;
+    static constexpr int kFixed = 9;  // from here on the effects' columns
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr int kMaxColumns = static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr double kLargestTapSpacing_s = 0.003;
@@ -203,6 +222,7 @@ class DynamicsEstimator {
              slow_power = 0;            // of the torque: sum of squares, and the slow torque's share in it
         Real timing_power = 0;          // mean square of the timing columns
         Real velocity_product_error{};  // standard errors
+        Real mirrored_product_error{};
         Real torque_error{};
         ColumnVector effect = ColumnVector::Zero();  // the effects' parameters as this equation sees them
         ColumnMatrix effect_covariance = ColumnMatrix::Zero();
@@ -226,7 +246,7 @@ class DynamicsEstimator {
     void update_turning() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         regress(
-            equation_[1], row.v_omega, {row.omega_squared, row.v_squared}, row.acceleration.omega_rad_per_s2,
+            equation_[1], row.v_omega, {row.v_squared, row.omega_squared}, row.acceleration.omega_rad_per_s2,
             [](const WheelPair<Real>& pair) { return pair.difference(); },
             [](const WheelPair<Real>& pair) { return pair.sum(); });
     }
@@ -302,6 +322,9 @@ class DynamicsEstimator {
         const auto p_product = covariances(equation, kVelocityProduct);
         equation.velocity_product_error =
             error(equation, kVelocityProduct, equation.errors.covariance(p_product, p_product));
+        const auto p_cross = covariances(equation, kCrossProduct);
+        equation.mirrored_product_error =
+            error(equation, kCrossProduct, equation.errors.covariance(p_cross, p_cross));
         std::array<typename Errors::Vector, model::kMaxEstimatedColumns + 1>
             p;  // of the torque, and of each effect
         p[0] = covariances(equation, kTorque);

@@ -16,6 +16,7 @@
 #include "firmware/ident/delay_estimator.hpp"
 #include "firmware/ident/dynamics_estimator.hpp"
 #include "firmware/ident/excitation.hpp"
+#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/probe.hpp"
 #include "firmware/ident/sizing.hpp"
 
@@ -51,6 +52,8 @@ class IdentificationRun {
         delay_ = {};
         sizing_ = {};
         watch_ = {};
+        signs_agree_ = false;
+        lowered_ = 0;
         const double dt = options.excitation.sample_time_s;
         last_cycle_ = static_cast<std::uint32_t>(options.duration_s / dt);
         excitation_.start(options.excitation, pose, seed);
@@ -76,8 +79,12 @@ class IdentificationRun {
             delay_estimator_.push(sample);
             ++delay_cycles_;
             if (delay_cycles_ >= next_look_) look_at_delay();
-        } else if (estimator_.push(sample) && estimator_.estimate().good_enough && !options_.run_full_time) {
-            succeed(IdentCause::good_enough);
+        } else if (estimator_.push(sample)) {
+            signs_agree_ = look_at_signs(estimator_.coupling_terms()) == Mirror::as_filed;
+            if (!finished()) look_at_wheels();
+            if (!finished() && look_at_gains()) return {};
+            if (!finished() && estimator_.estimate().good_enough && !options_.run_full_time)
+                succeed(IdentCause::good_enough);
         }
         if (!finished()) check_limits(pose, velocity);
         if (finished()) return {};
@@ -101,6 +108,9 @@ class IdentificationRun {
     // The model leaves more of the slow acceleration unexplained than an encoder's noise would.
     bool model_incomplete() const { return unexplained() > kUnexplained; }
 
+    // The coupling of forward and turning shows that not one wheel alone goes backwards.
+    bool signs_agree() const { return signs_agree_; }
+
     // Ends it from outside.
     void interrupt() {
         if (!finished()) stop(IdentCause::interrupted);
@@ -116,10 +126,13 @@ class IdentificationRun {
     // Of the slow acceleration, RMS (`wheelwright sim` prints it). What a model misses is seen here before it
     // is seen in K7 and K8, of which it moves a tenth (kShareInGain): 5 % are half a per cent of them, the
     // wanted standard error, and 15 % are what errors of a per cent and a half rest on. No sharp limits: a
-    // coarse encoder can leave more than the first, a wheel with the wrong sign less than the second.
+    // coarse encoder can leave more than the first.
     static constexpr Real kUnexplained = Real(0.05);
     static constexpr Real kTooMuchUnexplained = Real(0.15);
-    static constexpr double kFollowed = 0.95;  // of a torque that was asked
+    static constexpr Real kSureOfLess = 4;      // standard errors
+    static constexpr int kMostLowered = 3;      // drives that deliver less and less get too hot
+    static constexpr double kSureOfWheels = 6;  // standard errors
+    static constexpr double kFollowed = 0.95;   // of a torque that was asked
     static constexpr int kReportsToJudge = 25;
 
     // How well the drives' reports have lately agreed with what they were told.
@@ -200,7 +213,69 @@ class IdentificationRun {
         }
     }
 
+    // Without a look from outside one wrong sign shows in how forward and turning are coupled.
+    Mirror look_at_signs(const CouplingTerms<Real>& terms) {
+        const auto half_track_m = static_cast<Real>(options_.estimator.filter.geometry.track_m / 2);
+        const Mirror seen = judge_mirror(terms, half_track_m);
+        if (seen == Mirror::mirrored && !probe_.findings().pose_seen) stop(IdentCause::one_sign_wrong);
+        return seen;
+    }
+
+    // A lifted wheel that the probe's pushes did not show.
+    void look_at_wheels() {
+        const DynamicsEstimate<Real>& now = estimator_.estimate();
+        const double h = options_.estimator.filter.geometry.track_m / 2;
+        const double k7 = now.dynamics.k7_per_kg_m;
+        const double k8 = h * now.dynamics.k8_per_kg_m2;
+        const auto error = static_cast<double>(now.standard_error.k7_per_kg_m) +
+                           h * static_cast<double>(now.standard_error.k8_per_kg_m2);
+        const double x7 = estimator_.cross_gains().v_m_per_s2;
+        const double x8 = h * estimator_.cross_gains().omega_rad_per_s2;
+        const WheelAnswers answers{{k7 + k8 - x7 - x8, k7 + k8 + x7 + x8},
+                                   {k7 - k8 + x7 - x8, k7 - k8 - x7 + x8}};
+        const IdentCause lifted = wheel_off_ground(answers, kSureOfWheels * error);
+        if (lifted != IdentCause::none) stop(lifted);
+    }
+
+    // The probe's gentle pushes give K7 and K8 that are never too large by more than a few per cent. Where
+    // the run finds less of both, less torque arrives than was told. True: it begins anew with less.
+    bool look_at_gains() {
+        if (!options_.probe) return false;
+        const DynamicsEstimate<Real>& now = estimator_.estimate();
+        const auto share = [](Real k, Real error, double probed) {
+            return static_cast<double>(k + kSureOfLess * error) / probed;
+        };
+        const ProbeFindings& found = probe_.findings();
+        const double delivered =
+            std::max(share(now.dynamics.k7_per_kg_m, now.standard_error.k7_per_kg_m, found.k7_per_kg_m),
+                     share(now.dynamics.k8_per_kg_m2, now.standard_error.k8_per_kg_m2, found.k8_per_kg_m2));
+        if (!(delivered < kFollowed)) return false;
+        excite_with(delivered);
+        return true;
+    }
+
+    // Of the amplitude only this share arrives: once more, with less than that.
+    void excite_with(double delivered_share) {
+        const ProbeFindings& found = probe_.findings();
+        Real& amplitude_Nm = options_.excitation.amplitude_Nm;
+        const double delivered_Nm = delivered_share * static_cast<double>(amplitude_Nm);
+        if (++lowered_ > kMostLowered || !(kBelowSeen * delivered_Nm > kMovesEnough * found.friction_Nm))
+            return stop(IdentCause::torque_not_followed);
+        probe_.lower_torque_limit(delivered_Nm);
+        amplitude_Nm = static_cast<Real>(kBelowSeen * delivered_Nm);
+        options_.estimator.dry_share = static_cast<Real>(found.friction_Nm) / amplitude_Nm;
+        watch_ = {};
+        estimator_.configure(options_.estimator);
+        excitation_.start(options_.excitation, start_, seed_);
+        if (delay_.valid && state_ == IdentState::estimating)
+            estimator_.set_delay(static_cast<double>(delay_.delay_s));
+        else
+            excite();
+    }
+
     void look_at_delay() {
+        look_at_signs(delay_estimator_.coupling_terms());
+        if (finished()) return;
         delay_ = delay_estimator_.estimate();
         const bool sure = delay_.valid && delay_.standard_error_s <= kSureDelay_s;
         if (!sure && delay_cycles_ < last_delay_cycle_) {
@@ -228,7 +303,7 @@ class IdentificationRun {
             const double ratio = got[i] / (now[i] * probe_.findings().report_ratio);
             watch_.ratio[i] += (ratio - watch_.ratio[i]) / kReportsToJudge;
             if (++watch_.reports[i] > kReportsToJudge && watch_.ratio[i] < kFollowed)
-                stop(IdentCause::torque_not_followed);
+                return excite_with(watch_.ratio[i]);
         }
         watch_.told = {now[0], now[1]};
     }
@@ -241,6 +316,9 @@ class IdentificationRun {
                e.k8_per_kg_m2 <= share * k.k8_per_kg_m2;
     }
 
+    // With one sign wrong K7 and K8 would be wrong too, and what would tell is known too badly.
+    bool signs_known() const { return !options_.probe || signs_agree_ || probe_.findings().pose_seen; }
+
     bool coupling_still_good() const {
         const Real most = kStillGoodCoupling * options_.estimator.coupling_standard_error_m;
         return estimator_.k5_error_m() <= most && estimator_.k6_error_m() <= most;
@@ -248,18 +326,25 @@ class IdentificationRun {
 
     void check_limits(const Pose<Real>& pose, const Twist<Real>& velocity) {
         const ExcitationOptions<Real>& limits = options_.excitation;
+        const bool probing = state_ == IdentState::probing;
+        const auto lifted_or = [&](IdentCause otherwise) {
+            const IdentCause lifted = probe_.wheel_running_free();
+            return probing && lifted != IdentCause::none ? lifted : otherwise;
+        };
         if (cycles_ >= last_cycle_) {
             // run to the end on purpose, with errors small enough: that is done, not a limit
             if (estimator_.estimate().good_enough) {
                 succeed(IdentCause::good_enough);
-            } else if (state_ == IdentState::estimating && still_good()) {
-                succeed(coupling_still_good() ? IdentCause::good_enough : IdentCause::coupling_not_known);
+            } else if (state_ == IdentState::estimating && still_good() && coupling_still_good()) {
+                succeed(IdentCause::good_enough);
+            } else if (state_ == IdentState::estimating && still_good() && signs_known()) {
+                succeed(IdentCause::coupling_not_known);
             } else {
                 stop(unexplained() > kTooMuchUnexplained ? IdentCause::model_incomplete
                                                          : IdentCause::time_over);
             }
         } else if (!(excitation_.distance_m(pose) <= limits.distance_limit_m)) {
-            stop(state_ == IdentState::probing ? IdentCause::no_room : IdentCause::area_left);
+            stop(lifted_or(probing ? IdentCause::no_room : IdentCause::area_left));
         } else if (!(std::abs(velocity.v_m_per_s) <= options_.overshoot * limits.speed_limit_m_per_s) ||
                    !(std::abs(velocity.omega_rad_per_s) <=
                      options_.overshoot * limits.yaw_rate_limit_rad_per_s)) {
@@ -267,7 +352,7 @@ class IdentificationRun {
             const bool by_room =
                 options_.probe &&
                 limits.speed_limit_m_per_s < static_cast<Real>(options_.sizing.robot_speed_limit_m_per_s);
-            stop(state_ == IdentState::probing && by_room ? IdentCause::no_room : IdentCause::too_fast);
+            stop(lifted_or(probing && by_room ? IdentCause::no_room : IdentCause::too_fast));
         }
     }
 
@@ -286,6 +371,8 @@ class IdentificationRun {
     std::uint32_t next_look_ = 0;
     std::uint32_t last_delay_cycle_ = 0;
     std::uint32_t last_cycle_ = 0;
+    bool signs_agree_ = false;
+    int lowered_ = 0;
     IdentState state_ = IdentState::done;
     IdentCause cause_ = IdentCause::none;
 };

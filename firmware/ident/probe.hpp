@@ -22,6 +22,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/parabola.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/torque_reports.hpp"
@@ -117,6 +118,22 @@ class Probe {
 
     bool finished() const { return stage_ == Stage::done; }
     const ProbeFindings& findings() const { return found_; }
+    // What the run found later: the drives deliver less.
+    void lower_torque_limit(double delivered_Nm) {
+        found_.clipped = true;
+        found_.torque_limit_Nm = std::min(found_.torque_limit_Nm, delivered_Nm);
+    }
+
+    // A wheel that runs away from a push that hardly moves the other one has no floor below it. none: the
+    // robot is pushed as a whole, or not at all.
+    IdentCause wheel_running_free() const {
+        const bool pushing = (stage_ == Stage::forward || stage_ == Stage::turning) && leg_ == 0;
+        if (!pushing || !pushed_well()) return IdentCause::none;
+        const WheelPair<double> m = moved();
+        const double unseen = moved_enough() / 2;  // what a wheel may have gone beside what is seen of it
+        return runs_free({options_.geometry.wheel_radius_m.left * (std::abs(m.left) + unseen),
+                          options_.geometry.wheel_radius_m.right * (std::abs(m.right) + unseen)});
+    }
 
   private:
     enum class Stage : std::uint8_t { rest, left, right, forward, turning, pulses, pause, done };
@@ -127,14 +144,12 @@ class Probe {
     static constexpr double kLongestPush_s = 1.2;
     static constexpr double kShortestPush_s = 0.03;
     static constexpr double kLongestPause_s = 1.5;
-    static constexpr double kStill_s = 0.25;     // at rest before the next stage; some external poses come
-    static constexpr double kSettle_s = 0.010;   // after a change of torque: delay and lag
-    static constexpr double kSpeedShare = 0.3;   // of the limits
-    static constexpr double kRoomShare = 0.06;   // of the room, for one push
-    static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
-    static constexpr double kNoises = 8;         // and of the noise
-    static constexpr double kFree = 0.15;  // of its own push that a wheel on the ground drags the other with
-    static constexpr double kFreeRatio = 2.2;      // and no drive is so much weaker than the other
+    static constexpr double kStill_s = 0.25;       // at rest before the next stage; some external poses come
+    static constexpr double kSettle_s = 0.010;     // after a change of torque: delay and lag
+    static constexpr double kSpeedShare = 0.3;     // of the limits
+    static constexpr double kRoomShare = 0.06;     // of the room, for one push
+    static constexpr double kMoved_rad = 0.012;    // two steps of the coarsest encoder, 1000 counts a turn
+    static constexpr double kNoises = 8;           // and of the noise
     static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
     static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
     static constexpr double kUnclipped = 0.97;     // of what was asked
@@ -278,7 +293,7 @@ class Probe {
         if (next == Stage::turning && stage_before_ == Stage::forward) sides_.halt(1, angle_);
         if (next == Stage::pulses && level_Nm_ == 0) {
             sides_.halt(2, angle_);
-            if (judge_sides() || judge_coupling()) return;
+            if (judge_coupling() || judge_sides() || judge_answers()) return;
         }
         if (next == Stage::done) return end(IdentCause::none);
         if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {
@@ -332,6 +347,7 @@ class Probe {
             const bool quick = fastest > fast;
             if (gentle_ > kMostHalvings) return end(IdentCause::no_room);
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
+                if (wheel_running_free() != IdentCause::none) return end(wheel_running_free());
                 if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
                     push_Nm_ = std::max(push_Nm_ / 2,
                                         1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
@@ -371,14 +387,27 @@ class Probe {
         const WheelPair<double> d{answered_[0].mean(), answered_[1].mean()};
         if (!turning) {
             forward_ = d;
+            forward_error_ = {answered_[0].error(), answered_[1].error()};
             // what is left beside the torque's share is friction's
             const double both = (d.left + d.right) / 2;
             found_.friction_Nm = both > 0 ? std::max(0.0, rubbed_.mean() / both) : 0;
-            found_.k7_per_kg_m = both / 2;
+            k7_per_kg_m_ = both / 2;
+            pushed_well_ = pushed_well();
+            const double error = kSure * std::max(forward_error_.left, forward_error_.right);
+            const IdentCause fault = runs_free({d.left + error, d.right + error});
+            if (fault != IdentCause::none) return end(fault);
         } else {
-            found_.k8_per_kg_m2 = (d.right - d.left) / 2 / options_.geometry.track_m;
+            pushed_well_ = pushed_well_ && pushed_well();
+            const double k8 = (d.right - d.left) / 2 / options_.geometry.track_m;
             found_.pushed_m_per_s2_Nm = {(forward_.left - d.left) / 2, (forward_.right + d.right) / 2};
+            own_error_ = {std::hypot(forward_error_.left, answered_[0].error()) / 2,
+                          std::hypot(forward_error_.right, answered_[1].error()) / 2};
             found_.dragged_m_per_s2_Nm = {(forward_.left + d.left) / 2, (forward_.right - d.right) / 2};
+            // the brakes work with these from now on
+            if (k7_per_kg_m_ > 0 && k8 > 0 && answers_stand_out()) {
+                found_.k7_per_kg_m = k7_per_kg_m_;
+                found_.k8_per_kg_m2 = k8;
+            }
         }
         rest_then(turning ? Stage::pulses : Stage::turning);
     }
@@ -388,22 +417,30 @@ class Probe {
         return std::abs(stage_way().forward_m) < kPushesRoomShare * options_.distance_limit_m;
     }
 
-    // A wheel in the air turns without taking the other one, or the robot, with it.
-    bool judge_coupling() {
-        const auto& own = found_.pushed_m_per_s2_Nm;
-        const auto& other = found_.dragged_m_per_s2_Nm;
-        if (!(found_.k7_per_kg_m > 0) || !(found_.k8_per_kg_m2 > 0) || !(own.left > 0) || !(own.right > 0)) {
-            end(own.left > own.right ? IdentCause::right_wheel_does_not_turn
-                                     : IdentCause::left_wheel_does_not_turn);
-            return true;
-        }
-        const double scale = std::max(own.left, own.right);
-        const bool apart = std::max(std::abs(other.left), std::abs(other.right)) < kFree * scale;
-        if (apart && own.left > kFreeRatio * own.right) return end(IdentCause::left_wheel_off_ground), true;
-        if (apart && own.right > kFreeRatio * own.left) return end(IdentCause::right_wheel_off_ground), true;
-        return false;
+    double own_error() const { return kSure * std::max(own_error_.left, own_error_.right); }
+    bool answers_stand_out() const {
+        return std::max(found_.pushed_m_per_s2_Nm.left, found_.pushed_m_per_s2_Nm.right) > own_error();
     }
-
+    bool judge_coupling() {
+        if (!answers_stand_out()) return false;
+        const IdentCause fault = wheel_off_ground({found_.pushed_m_per_s2_Nm, found_.dragged_m_per_s2_Nm},
+                                                  own_error(), pushed_well_);
+        if (fault != IdentCause::none) end(fault);
+        return fault != IdentCause::none;
+    }
+    // Pushes that moved nothing, or nothing that stands out.
+    bool judge_answers() {
+        const auto& own = found_.pushed_m_per_s2_Nm;
+        if (found_.k7_per_kg_m > 0 && own.left > 0 && own.right > 0) return false;
+        end(!answers_stand_out()   ? IdentCause::no_room
+            : own.left > own.right ? IdentCause::right_wheel_does_not_turn
+                                   : IdentCause::left_wheel_does_not_turn);
+        return true;
+    }
+    // So much above friction that a wheel does not hang in it for part of the time.
+    bool pushed_well() const {
+        return push_Nm_ >= kMovesEnough * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
+    }
     bool judge_sides() {
         const IdentCause wrong = sides_.judge();
         found_.pose_seen = sides_.confirmed();
@@ -526,16 +563,17 @@ class Probe {
     std::size_t leg_ = 0;
     WheelPair<double> torque_, told_before_, angle_, begin_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
-    bool usable_ = false;
+    bool usable_ = false, pushed_well_ = false;
     std::array<WheelPair<double>, kSpeedSpan> ring_{};
     std::size_t ring_at_ = 0;
     Parabola rest_fit_, rest_fit_other_;
     double rest_noise_rad_ = 0;
+    double k7_per_kg_m_ = 0;
     double push_Nm_ = 0, went_s_ = 0, pulse_s_ = 0, leg_s_ = 0;
     std::array<double, 2> quadruple_{};
     std::array<std::array<Parabola, 2>, 2> fit_{};
     std::array<Parabola, 2> pulse_fit_{};
-    WheelPair<double> forward_;
+    WheelPair<double> forward_, forward_error_, own_error_;
     std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
     Mean noise_power_;
     WheelPair<double> push_begin_;

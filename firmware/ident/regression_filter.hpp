@@ -42,14 +42,14 @@ struct IdentSample {
 // One row of both regressions. Sums and differences are right + left and right - left.
 template <typename Real, int kTaps = 1>
 struct RegressionRow {
-    TwistRate<Real> acceleration;                                       // y1, y2
-    Real omega_squared{};                                               // K5's regressor
-    Real v_omega{};                                                     // K6's regressor
+    TwistRate<Real> acceleration;  // y1, y2
+    Real omega_squared{};          // K5's regressor
+    Real v_omega{};                // K6's regressor
+    Real v_squared{};              // with several taps only: what unlike wheels and a mirrored robot show
     std::array<WheelPair<Real>, kTaps> torque_Nm{};                     // one for each tap
     std::array<WheelPair<Real>, model::kMaxEstimatedColumns> column{};  // torque per unit of a parameter
-    // Of three taps only: what errors of the geometry and of the signs of sliding look like. The middle tap's
-    // torque while a dry parameter's sign of sliding is not known for sure, else zero.
-    Real v_squared{};
+    // Of three taps only: the middle tap's torque while a dry parameter's sign of sliding is not known for
+    // sure, else zero.
     WheelPair<Real> slow_torque_Nm{};
     bool usable = false;  // no wheel stood still, no sample was marked unusable
 };
@@ -174,9 +174,9 @@ class RegressionFilter {
     static constexpr double kMinimumDelay = -2;
     static constexpr double kMaximumDelay = 27;
     static constexpr bool kSeesErrors = kTaps == 3;
-    static constexpr std::size_t kVSquared = 2 + 2 * static_cast<std::size_t>(kTaps);
-    static constexpr std::size_t kSlow = kVSquared + 1;
-    static constexpr std::size_t kFirstColumn = kSeesErrors ? kSlow + 2 : kVSquared;
+    static constexpr std::size_t kFirstTap = kTaps > 1 ? 3 : 2;  // behind the products of the speeds
+    static constexpr std::size_t kSlow = kFirstTap + 2 * static_cast<std::size_t>(kTaps);
+    static constexpr std::size_t kFirstColumn = kSeesErrors ? kSlow + 2 : kSlow;
     static constexpr std::size_t kSignals = kFirstColumn + 2 * model::kMaxEstimatedColumns;
     using Signals = std::array<Real, kSignals>;
 
@@ -231,6 +231,7 @@ class RegressionFilter {
         const model::Motion<Real> motion = motion_at(now, heading_rad, speed);
         g[0] = motion.twist.omega_rad_per_s * motion.twist.omega_rad_per_s;
         g[1] = motion.twist.v_m_per_s * motion.twist.omega_rad_per_s;
+        if constexpr (kTaps > 1) g[2] = motion.twist.v_m_per_s * motion.twist.v_m_per_s;
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
             const Tap& tap = tap_[k];
             // torque_[n] was told in cycle n - 1
@@ -238,10 +239,9 @@ class RegressionFilter {
             const WheelPair<Real>& a = torque_[n % kTorques];
             const WheelPair<Real>& b = torque_[(n - 1) % kTorques];
             const WheelPair<Real>& c = torque_[(n - 2) % kTorques];
-            g[2 + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
-            g[3 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
+            g[kFirstTap + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
+            g[kFirstTap + 1 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
         }
-        if constexpr (kSeesErrors) g[kVSquared] = motion.twist.v_m_per_s * motion.twist.v_m_per_s;
         const model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
         std::size_t at = kFirstColumn;
         model::for_each_column(estimated_, context,
@@ -261,7 +261,7 @@ class RegressionFilter {
                std::abs(model::sliding_speed(direction, speed)) < options_.standing_speed_rad_per_s;
     }
     static void add_slow_torque(const WheelPair<Real>& direction, Signals& g) {
-        constexpr std::size_t kMiddle = 2 + 2 * (static_cast<std::size_t>(kTaps) / 2);
+        constexpr std::size_t kMiddle = kFirstTap + 2 * (static_cast<std::size_t>(kTaps) / 2);
         const Real along = direction.left * g[kMiddle] + direction.right * g[kMiddle + 1];
         g[kSlow] += along * direction.left;
         g[kSlow + 1] += along * direction.right;
@@ -290,10 +290,10 @@ class RegressionFilter {
                                 known.right += amount * d.right;
                             });
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k) {
-            context.applied_torque_Nm = {g[2 + 2 * k], g[3 + 2 * k]};
+            context.applied_torque_Nm = {g[kFirstTap + 2 * k], g[kFirstTap + 1 + 2 * k]};
             const WheelPair<Real> delivered = model::delivered_torque_Nm(known_, context);
-            g[2 + 2 * k] = delivered.left + known.left;
-            g[3 + 2 * k] = delivered.right + known.right;
+            g[kFirstTap + 2 * k] = delivered.left + known.left;
+            g[kFirstTap + 1 + 2 * k] = delivered.right + known.right;
         }
     }
 
@@ -340,12 +340,12 @@ class RegressionFilter {
         row_.acceleration = {(right + left) / 2, (right - left) * inverse_track_};
         row_.omega_squared = g[0];
         row_.v_omega = g[1];
+        if constexpr (kTaps > 1) row_.v_squared = g[2];
         for (std::size_t k = 0; k < static_cast<std::size_t>(kTaps); ++k)
-            row_.torque_Nm[k] = {g[2 + 2 * k], g[3 + 2 * k]};
+            row_.torque_Nm[k] = {g[kFirstTap + 2 * k], g[kFirstTap + 1 + 2 * k]};
         for (std::size_t c = 0; c < static_cast<std::size_t>(columns_); ++c)
             row_.column[c] = {g[kFirstColumn + 2 * c], g[kFirstColumn + 2 * c + 1]};
         if constexpr (kSeesErrors) {
-            row_.v_squared = g[kVSquared];
             row_.slow_torque_Nm = {g[kSlow], g[kSlow + 1]};
         }
         row_.usable = masked_blocks_ == 0;

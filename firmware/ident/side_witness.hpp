@@ -83,15 +83,21 @@ class SideWitness {
         // Told to go straight, it turned: with one sign wrong, the rims' way is the turn's.
         const bool turn_would_show = std::abs(by_wheels.forward_m) / half_track > 2 * kSure * sigma_rad;
         const double turned = straight.turn_rad * half_track / by_wheels.forward_m;
-        if (turn_would_show && std::abs(turned) > kHalf &&
-            std::abs(straight.turn_rad - by_wheels.turn_rad) > kSure * sigma_rad)
+        // and a weak drive's curve is the wheels' own: what was seen is nearer to the one or to the other
+        const double wrong_turn_rad = std::copysign(by_wheels.forward_m / half_track, straight.turn_rad);
+        const double off_rad = std::abs(straight.turn_rad - by_wheels.turn_rad);
+        if (turn_would_show && std::abs(turned) > kHalf && off_rad > kSure * sigma_rad &&
+            off_rad > std::abs(straight.turn_rad - wrong_turn_rad))
             return turned > 0 ? IdentCause::left_sign_wrong : IdentCause::right_sign_wrong;
-        if (std::abs(by_wheels.forward_m) <= 2 * kSure * sigma_m ||
-            std::abs(spin_by_wheels.turn_rad) <= 2 * kSure * sigma_rad)
-            return IdentCause::none;
-        if (straight.forward_m / by_wheels.forward_m < -kHalf) return IdentCause::both_signs_wrong;
-        if (spin.turn_rad / spin_by_wheels.turn_rad < -kHalf) return IdentCause::wheels_swapped;
-        confirmed_ = true;
+        // From here on what is wrong turns a way round: less of it is enough, and each tells for itself.
+        const double along =
+            std::abs(by_wheels.forward_m) > kSure * sigma_m ? straight.forward_m / by_wheels.forward_m : 0;
+        const double around = std::abs(spin_by_wheels.turn_rad) > kSure * sigma_rad
+                                  ? spin.turn_rad / spin_by_wheels.turn_rad
+                                  : 0;
+        if (along < -kHalf) return IdentCause::both_signs_wrong;
+        if (around < -kHalf && along > kHalf) return IdentCause::wheels_swapped;
+        confirmed_ = along > kHalf && around > kHalf;
         return IdentCause::none;
     }
     bool confirmed() const { return confirmed_; }

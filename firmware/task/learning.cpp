@@ -184,6 +184,7 @@ protocol::IdentStatus Learning::status() const {
     status.model_incomplete = run_.model_incomplete();
     status.torque_clipped = run_.probe().findings().clipped;
     status.sides_confirmed = run_.probe().findings().pose_seen;
+    status.signs_agree = run_.signs_agree();
     status.delay_s = std::max(run_.delay().delay_s - sample_age_s_, 0.0);
     status.samples = estimate().rows;
     const auto& x = estimate().excitation;

@@ -122,7 +122,9 @@ class SocketCanRig {
         }
         // vcan hands a frame to its listeners when it is queued, so seeing it does not mean that it has left.
         if (limited_) {
-            shell("timeout 5 sh -c 'until tc -s qdisc show dev vcan0 | grep -q \"backlog 0b 0p\"; do sleep 0.01; done'");
+            shell(
+                "timeout 5 sh -c 'until tc -s qdisc show dev vcan0 | grep -q \"backlog 0b 0p\"; do sleep "
+                "0.01; done'");
         }
     }
 

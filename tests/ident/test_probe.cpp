@@ -4,6 +4,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/parabola.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/sizing.hpp"
@@ -50,9 +51,10 @@ namespace {
 constexpr double kRadius_m = 0.09;
 constexpr double kTrack_m = 0.47;
 
-// Halts of a robot whose file has these mistakes, as its poses and its encoders show them: straight on by 0.1
-// m, then turning by 0.5 rad, both as the file understands it.
-IdentCause judged(int left_sign, int right_sign, bool swapped, bool poses, ident::SideWitness& witness) {
+// Halts of a robot whose file has these mistakes, as its poses and its encoders show them: straight on, then
+// turning, both as the file understands it.
+IdentCause judged(int left_sign, int right_sign, bool swapped, bool poses, ident::SideWitness& witness,
+                  double forward_m = 0.1, double turn_rad = 0.5) {
     witness.start({{kRadius_m, kRadius_m}, kTrack_m}, 0.002, 0.004);
     Pose<double> pose{1, 2, 3};
     WheelPair<double> angle{4, 5};
@@ -70,9 +72,10 @@ IdentCause judged(int left_sign, int right_sign, bool swapped, bool poses, ident
         pose = model::advance_along_arc(pose, way.v_m_per_s, way.omega_rad_per_s);
     };
     halt(0);
-    move(0.1 / kRadius_m, 0.1 / kRadius_m);
+    move(forward_m / kRadius_m, forward_m / kRadius_m);
     halt(1);
-    move(-0.25 * kTrack_m / kRadius_m, 0.25 * kTrack_m / kRadius_m);
+    const double rim_m = turn_rad * kTrack_m / 2;
+    move(-rim_m / kRadius_m, rim_m / kRadius_m);
     halt(2);
     return witness.judge();
 }
@@ -89,6 +92,34 @@ TEST(ProbeParts, poses_name_what_the_wheels_cannot_tell) {
     CHECK(judged(1, 1, true, true, witness) == IdentCause::wheels_swapped);
     CHECK(judged(1, 1, true, false, witness) == IdentCause::none);
     CHECK_FALSE(witness.confirmed());
+}
+
+// The way back of what is exchanged tells twice as much as the way that is missing where a sign is wrong.
+TEST(ProbeParts, a_short_way_still_names_wheels_that_are_swapped) {
+    ident::SideWitness witness;
+    CHECK(judged(1, 1, true, true, witness, 0.011, 0.1) == IdentCause::wheels_swapped);
+    CHECK(judged(-1, -1, false, true, witness, 0.011, 0.1) == IdentCause::both_signs_wrong);
+    CHECK(judged(1, 1, false, true, witness, 0.011, 0.1) == IdentCause::none);
+    CHECK(witness.confirmed());
+    // that turn says nothing
+    CHECK(judged(1, 1, true, true, witness, 0.011, 0.01) == IdentCause::none);
+    CHECK_FALSE(witness.confirmed());
+}
+
+TEST(ProbeParts, a_lifted_wheel_is_told_from_a_weak_drive_and_from_wheels_that_do_nothing_to_each_other) {
+    using ident::wheel_off_ground;
+    // rotors of 0.6 and of 0.05 of what the torque moves
+    CHECK(wheel_off_ground({{1.67, 1}, {0, 0}}, 0.01) == IdentCause::left_wheel_off_ground);
+    CHECK(wheel_off_ground({{1, 20}, {0.5, 2}}, 0.01) == IdentCause::right_wheel_off_ground);
+    // drives that give 0.7 and 0.5 of what they should
+    CHECK(wheel_off_ground({{1, 0.7}, {0, 0}}, 0.01) == IdentCause::none);
+    CHECK(wheel_off_ground({{1, 0.5}, {-0.3, -0.15}}, 0.01) == IdentCause::none);
+    CHECK(wheel_off_ground({{1, 1}, {0, 0}}, 0.01) == IdentCause::none);
+    // a centre of gravity a tenth of the track beside the middle
+    CHECK(wheel_off_ground({{1.853, 2.92}, {-0.28, -0.28}}, 0.01) == IdentCause::none);
+    // noise, and pushes so gentle that friction takes its part
+    CHECK(wheel_off_ground({{1.67, 1}, {0, 0}}, 0.3) == IdentCause::none);
+    CHECK(wheel_off_ground({{2.4, 1}, {0, 0}}, 0.01, false) == IdentCause::none);
 }
 
 namespace {

@@ -81,6 +81,9 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
      {"the model leaves so much of the motion unexplained that its numbers cannot be trusted",
       "look whether both wheels turn the robot the way drive.left.sign and drive.right.sign say, and run "
       "`wheelwright gap` on the log of this run"}},
+    {IdentCause::one_sign_wrong,
+     {"the robot moves like its mirror image: one wheel goes backwards, which one the wheels cannot tell",
+      "look which one, and change its drive.left.sign or drive.right.sign"}},
 }};
 
 constexpr bool in_order() {
@@ -140,9 +143,12 @@ std::string clipping_sentence(const protocol::IdentStatus& status, const TorqueL
 
 std::string sides_sentence(const protocol::IdentStatus& status) {
     if (!identified(status) || status.sides_confirmed) return "";
-    return "left and right are not confirmed: wheels swapped or a wrong sign of one cannot be seen without "
-           "an "
-           "external pose; look";
+    return std::string("left and right are not confirmed: ") +
+           (status.signs_agree
+                ? "wheels swapped or both signs wrong cannot be seen without an external pose; look"
+                : "wheels swapped or wrong signs cannot be seen without an external pose, and this robot's "
+                  "centre "
+                  "of gravity is too near its axle to show a wrong sign of one wheel; look");
 }
 
 std::string model_sentence(const protocol::IdentStatus& status) {

@@ -19,12 +19,13 @@ AGAIN = 4   # the number of the robot that is run again
 # What must hold already, of the good robots and of those with faults.
 DEMANDED = {
     "robots": ("problems", "wrong_successes"),
-    "faults": ("problems",),
+    "faults": ("problems", "wrong_successes"),
 }
-# Ends that say what is wrong, for faults that the probe tells whatever the robot; the others may go on (clipping drives)
-# or need an external pose.
+# Ends that say what is wrong; a robot whose drives clip goes on.
 NAMED = {
     "swapped_wheels": {"wheels_swapped"},
+    "wrong_sign": {"left_sign_wrong", "right_sign_wrong", "one_sign_wrong"},
+    "wheel_in_air": {"left_wheel_off_ground", "right_wheel_off_ground"},
     "encoder_against_torque": {"left_wheel_against_torque", "right_wheel_against_torque"},
     "wheel_blocked": {"left_wheel_does_not_turn", "right_wheel_does_not_turn"},
     "too_heavy": {"too_heavy"},

@@ -1,0 +1,71 @@
+// Drives that deliver less than they are told, after the probe has found nothing wrong.
+#include <algorithm>
+
+#include "firmware/ident/identification_run.hpp"
+#include "tests/ident/test_robot.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using test::RobotTruth;
+using test::TestRobot;
+
+TEST_GROUP(DeliveredTorque){};
+
+namespace {
+
+constexpr double kLimit_Nm = 5;
+
+// The whole ident mode, without torque reports; after the probe the drives deliver `most_Nm` at most.
+void identify(ident::IdentificationRun<double>& run, const RobotTruth& truth, double most_Nm) {
+    ident::IdentificationOptions<double> o;
+    o.excitation = {0, 0, 0.001, 0.8, 5, 1.5};
+    o.estimator.filter.geometry = test::geometry_of(truth);
+    o.estimator.filter.effects = test::both_frictions<double>();
+    o.estimator.filter.sample_time_s = 0.001;
+    o.delay_phase_s = 4;
+    o.duration_s = 85;
+    o.probe = true;
+    o.probing.geometry = o.estimator.filter.geometry;
+    o.probing.sample_time_s = 0.001;
+    o.probing.torque_limit_Nm = kLimit_Nm;
+    o.probing.speed_limit_m_per_s = 0.8;
+    o.probing.yaw_rate_limit_rad_per_s = 5;
+    o.probing.distance_limit_m = 1.5;
+    o.sizing.track_m = truth.track_m;
+    o.sizing.radius_m = truth.radius_m;
+    o.sizing.sample_time_s = 0.001;
+    o.sizing.distance_limit_m = 1.5;
+    o.sizing.torque_limit_Nm = kLimit_Nm;
+    o.sizing.robot_speed_limit_m_per_s = 0.8;
+    o.sizing.robot_yaw_rate_limit_rad_per_s = 5;
+    run.start(o, {}, 5);
+    TestRobot robot(truth, 91);
+    WheelPair<double> torque{};
+    while (!run.finished()) {
+        ident::ProbeSample senses;
+        senses.angle_rad = robot.angle_rad();
+        torque = run.step({robot.angle_rad(), torque}, robot.odometry(), robot.velocity(), senses);
+        const double most = run.state() == ident::IdentState::probing ? kLimit_Nm : most_Nm;
+        robot.step(std::clamp(torque.left, -most, most), std::clamp(torque.right, -most, most));
+    }
+}
+
+}  // namespace
+
+TEST(DeliveredTorque, less_of_it_is_seen_without_reports_and_the_run_goes_on_with_less) {
+    const RobotTruth truth;
+    ident::IdentificationRun<double> run;
+    identify(run, truth, kLimit_Nm);
+    CHECK(run.cause() == ident::IdentCause::good_enough);
+    CHECK_FALSE(run.probe().findings().clipped);
+    const double amplitude_Nm = run.options().excitation.amplitude_Nm;
+
+    identify(run, truth, 0.7 * amplitude_Nm);
+    CHECK(run.cause() == ident::IdentCause::good_enough);
+    CHECK(run.probe().findings().clipped);
+    CHECK(run.probe().findings().torque_limit_Nm < 0.8 * amplitude_Nm);
+    CHECK(run.options().excitation.amplitude_Nm < 0.7 * amplitude_Nm);
+    DOUBLES_EQUAL(truth.k7, run.estimate().dynamics.k7_per_kg_m, 0.02 * truth.k7);
+    DOUBLES_EQUAL(truth.k8, run.estimate().dynamics.k8_per_kg_m2, 0.02 * truth.k8);
+}
