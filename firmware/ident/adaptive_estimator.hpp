@@ -245,6 +245,7 @@ class AdaptiveEstimator {
   private:
     // Where what stands in theta; the first kLoad are what a load can change.
     static constexpr std::size_t kMass = 0, kInertia = 1, kAhead = 2, kLeft = 3, kLoad = 4, kMismatch = 4;
+    static constexpr std::size_t kWatched = 3;  // the first, whether they are excited
     static constexpr std::size_t kFixed = 5;
     static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
     static constexpr int kSteps = 12;      // cycles that a row's work takes, with a doubt
@@ -463,15 +464,14 @@ class AdaptiveEstimator {
     }
 
     void watch_excitation() {
-        for (std::size_t i = 0; i < size(); ++i) {
-            held_[i] = rls_.variance(static_cast<int>(i));
-            const Real excitation = monitor_.excitation(static_cast<int>(i), held_[i]);
-            excited_[i] = excitation >= options_.minimum_excitation;
-            model::Dynamics<Real>& e = estimate_.excitation;
-            if (i == kMass) e.k7_per_kg_m = excitation;
-            if (i == kInertia) e.k8_per_kg_m2 = excitation;
-            if (i == kAhead) e.k5_m = e.k6_per_m = excitation;
+        for (std::size_t i = 0; i < size(); ++i) held_[i] = rls_.variance(static_cast<int>(i));
+        std::array<Real, kWatched> excitation;
+        for (std::size_t i = 0; i < kWatched; ++i) {
+            excitation[i] = monitor_.excitation(static_cast<int>(i), held_[i]);
+            excited_[i] = excitation[i] >= options_.minimum_excitation;
         }
+        estimate_.excitation = {excitation[kAhead], excitation[kAhead], excitation[kMass],
+                                excitation[kInertia]};
     }
 
     void publish() {
@@ -517,7 +517,7 @@ class AdaptiveEstimator {
     std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
     std::array<Real, 2> least_{};  // of A and B, which are divided by
     Vector held_{};
-    std::array<bool, kSize> excited_{};
+    std::array<bool, kWatched> excited_{};
     Real track_m_{}, per_track_{};
     Real forgotten_{};  // by each row
     int columns_ = 0;

@@ -282,11 +282,7 @@ class DynamicsEstimator {
         equation.monitor.settle();
         equation.torque_power += phi[kTorque] * phi[kTorque];
         equation.slow_power += phi[kTorque] * phi[kSlowTorque];
-        // What the cross products explain is no part of the model either: with one wheel's sign wrong, it is
-        // much.
         equation.run_residual += innovation;
-        for (std::size_t i = kCrossProduct; i < kCrossProduct + 2; ++i)
-            equation.run_residual += phi[i] * equation.rls.theta()[i];
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
             if (estimate_.rows > kRowsToJudge / 2) {
@@ -402,7 +398,7 @@ class DynamicsEstimator {
     Real missing_share(const Equation& e) const {
         if (!(e.motion_power > 0)) return 0;
         constexpr Real kInARow = Real(0.55);
-        constexpr Real kHidden = Real(0.4);
+        constexpr Real kHidden = Real(0.2);
         const Real white = static_cast<Real>(e.runs) * kRunRows * e.errors.residual_variance() / kInARow;
         const Real beyond = std::max(e.residual_power - white, Real(0));
         return std::sqrt((beyond + kHidden * kHidden * (e.residual_power - beyond)) / e.motion_power);
