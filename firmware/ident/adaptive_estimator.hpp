@@ -281,7 +281,7 @@ class AdaptiveEstimator {
         publish
     };
 
-    // Innovations over their deviations, since the window began.
+    // Innovations over their deviations, since the last change, or since they were learned from.
     struct Quiet {
         Real squares = 0, slow_squares = 0, sum = 0;
         int rows = 0;
@@ -295,7 +295,8 @@ class AdaptiveEstimator {
         Real slow_power{};      // the same of sums over kRunRows rows, over their number
         Real moving_power = 0;  // mean square of the accelerating torque, Nm^2
         Real least{};           // by the noise of the angles alone
-        int seen = 0;           // rows whose noise was measured, up to kNoiseRows
+        int seen = 0;           // rows that told the torque, up to kRunRows
+        int measured = 0;       // rows whose noise was learned, up to kNoiseRows
         Quiet quiet;
     };
     // Fading sums over rows: of innovations that go with a parameter's regressor, and of what they may come
@@ -409,6 +410,7 @@ class AdaptiveEstimator {
             quiet.slow_squares += quiet.sum * quiet.sum / kRunRows;
             quiet.sum = 0;
         }
+        if (quiet.rows >= (row.measured > 0 ? window_rows_ : kRunRows)) learn_noise(row);
         return row.projection.variance > forgotten_;
     }
 
@@ -423,25 +425,20 @@ class AdaptiveEstimator {
             w.error[i] = w.keep * w.error[i] + std::abs(row.phi[i]) * own;
             found = found || w.score[i] * w.score[i] > sum_gate * (w.noise[i] + w.error[i] * w.error[i]);
         }
-        if (++w.rows < 2 * kFewestRows) return false;
-        if (!found && w.rows % (2 * window_rows_) == 0) {
-            was_quiet_ = true;
-            for (Row& quiet : row_) learn_noise(quiet);
-        }
-        return found;
+        return ++w.rows >= 2 * kFewestRows && found;
     }
 
-    // From a window without a change, so that a change does not hide itself.
+    // From a time without a change, so that a change does not hide itself.
     void learn_noise(Row& row) {
+        was_quiet_ = true;
+        row.measured = std::min(row.measured + row.quiet.rows, kNoiseRows);
         const Real now = noise(row);
         const auto learn = [&](Real& power, Real squares, int count, int rows) {
             if (count == 0) return;
-            const Real share = static_cast<Real>(rows) / static_cast<Real>(std::min(row.seen, kNoiseRows));
+            const Real share = static_cast<Real>(rows) / static_cast<Real>(row.measured);
             power += share * (now * squares / static_cast<Real>(count) - power);
             power = std::max(power, row.least);
         };
-        row.seen = std::min(row.seen + row.quiet.rows, kNoiseRows);
-        if (row.seen == row.quiet.rows + kRunRows) row.seen = row.quiet.rows;
         const int runs = row.quiet.rows / kRunRows;
         learn(row.power, row.quiet.squares, row.quiet.rows, row.quiet.rows);
         learn(row.slow_power, row.quiet.slow_squares, runs, runs * kRunRows);
