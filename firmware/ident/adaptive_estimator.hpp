@@ -261,7 +261,7 @@ class AdaptiveEstimator {
     static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
     static constexpr Real kOffsetError = Real(0.05);       // of the track: batteries, a motor on one side
     static constexpr Real kMismatchError = Real(0.1);      // motor constants of one kind, and a weak drive
-    static constexpr Real kLeastOverNoise = 3;             // an acceleration that tells something
+    static constexpr Real kLeastOverNoise = 4;             // an acceleration that tells something
     static constexpr Real kTinyVariance = Real(1e-14);
     using Vector = std::array<Real, kSize>;
     using Rls = UdRls<Real, kSize, true>;
