@@ -39,6 +39,7 @@ std::int64_t to_ns(double seconds) { return std::llround(seconds * 1e9); }
 SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     : config_(config), random_(config.seed, config.stream) {
     ideal_encoder_ = config.counts_per_turn <= 0;
+    command_latency_ns_ = to_ns(config.command_latency_s);
     plain_report_ = config.report_counts_per_wheel_turn <= 0 && config.report_lag_s <= 0;
     if (ideal_encoder_) config_.counts_per_turn = 1;
     counts_per_rad_ = config.sign * config.gear_ratio * config_.counts_per_turn / kTwoPi;
@@ -185,7 +186,7 @@ void SimOdrive::receive_command(const hal::CanFrame& frame, std::uint32_t comman
                 --pending_count_;
             }
             pending_[(pending_first_ + pending_count_++) % pending_.size()] = {
-                now_ns + to_ns(config_.command_latency_s), double{request.input_torque_Nm}};
+                now_ns + command_latency_ns_, double{request.input_torque_Nm}};
             schedule();
             break;
         }
@@ -291,7 +292,7 @@ void SimOdrive::millisecond(double wheel_angle_rad, double wheel_speed_rad_per_s
 void SimOdrive::check_watchdog(std::int64_t now_ns) {
     if (!config_.watchdog_enabled) return;
     if (config_.generation == 6 && !armed()) return;
-    if (now_ns - fed_ns_ <= to_ns(config_.watchdog_timeout_s)) return;
+    if (static_cast<double>(now_ns - fed_ns_) <= 1e9 * config_.watchdog_timeout_s) return;
     raise_error(config_.generation == 5 ? 0x800U : 0x0100'0000U);
 }
 

@@ -187,6 +187,7 @@ class SimOdrive {
     double position_estimate_ = 0;
     double velocity_estimate_ = 0;  // counts/s
     bool plain_report_ = true;
+    std::int64_t command_latency_ns_ = 0;
     model::MeasurementLag::Memory<double> report_memory_;  // in counts/s as well
 
     // The drive's clock.
