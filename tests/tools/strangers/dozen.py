@@ -31,7 +31,7 @@ NAMED = {
     "too_heavy": {"too_heavy"},
     "no_room": {"no_room"},
 }
-AT_LEAST = {"identified_percent": 95, "steps_percent": 90, "figure_eight_percent": 90}  # of the good robots
+AT_LEAST = {"identified_percent": 95, "steps_percent": 90, "figure_eight_percent": 90, "adaptation_percent": 90}  # of the good robots
 
 
 def main():
