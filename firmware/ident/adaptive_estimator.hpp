@@ -12,8 +12,8 @@
 // times the mass times its centre's place ahead of the axle and left of the middle; g: the drives' gain
 // mismatch. Hence
 //
-//     K7 = 1 / (A (1 - k)), K8 = 1 / (B (1 - k)), k = (2/b) sy^2 / (A B);   K5 = sx / A;   K6 = -K5 2 K8 / (b
-//     K7)
+//     K5 = sx / A     K6 = -K5 2 K8 / (b K7)     with k = (2/b) sy^2 / (A B)
+//     K7 = 1 / (A (1 - k))     K8 = 1 / (B (1 - k))
 //
 // so that K7 and K8 are what a torque does in its own direction, as ident mode finds them.
 //
@@ -64,7 +64,7 @@ namespace wheelwright::ident {
 
 template <typename Real>
 struct AdaptiveEstimatorOptions {
-    RegressionFilterOptions<Real> filter;  // kernel_s: see kAdaptiveKernel_s
+    RegressionFilterOptions<Real> filter;  // kernel_s: longer than ident mode's, as driving excites slowly
     model::Dynamics<Real> dynamics;        // where to start, with its standard error (k6: not used)
     model::Dynamics<Real> standard_error;
     model::EffectSet<Real> effects;  // start values
@@ -77,9 +77,6 @@ struct AdaptiveEstimatorOptions {
     Real gate_sigma = 6;
     Real doubt = Real(0.3);
 };
-
-// Driving excites slowly; a longer averaging weight than the ident mode's takes the encoder's noise away.
-inline constexpr double kAdaptiveKernel_s = 0.05;
 
 template <typename Real>
 class AdaptiveEstimator {

@@ -95,7 +95,7 @@ double adaptive(int steps) {
         options.filter.effects.active[model::find_effect(name)] = true;
     }
     options.filter.sample_time_s = 0.001;
-    options.filter.kernel_s = ident::kAdaptiveKernel_s;
+    options.filter.kernel_s = 0.05;
     options.filter.delay_s = 0.0027;
     options.dynamics = {0.04, 0, 1.4, 6.7};
     options.effects = options.filter.effects;

@@ -41,7 +41,7 @@ struct AdaptiveDrive {
         o.filter.geometry = test::geometry_of(truth);
         o.filter.effects = test::both_frictions<Real>();
         o.filter.sample_time_s = 0.001;
-        o.filter.kernel_s = ident::kAdaptiveKernel_s;
+        o.filter.kernel_s = 0.05;
         o.filter.delay_s = 0.0027;
         // the controller's file differs from the truth in every number
         o.dynamics = {static_cast<Real>(truth.k5 * 1.05), 0, static_cast<Real>(truth.k7 * 1.01),
