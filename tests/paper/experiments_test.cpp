@@ -85,7 +85,7 @@ TEST_GROUP(DrivingExperiments){};
 TEST(DrivingExperiments, ALawForAGoalAtRestLagsByItsGain) {
     const model::RobotParameters robot = notes_robot(0.075, 0.075, 0.32);
     const PaperLag mirrored = paper_law_on_a_line(robot, robot, true);
-    DOUBLES_EQUAL(0.3 / robot.pose_control.gamma1, mirrored.behind_m, 0.003);
+    DOUBLES_EQUAL(0.3 / kPaperGamma1_per_s, mirrored.behind_m, 0.003);
     DOUBLES_EQUAL(0, mirrored.aside_m, 0.003);
     CHECK_FALSE(mirrored.backwards);
     // a trial outside this project, with gamma (1, 2, 1): 0.30 m behind and 0.24 m aside

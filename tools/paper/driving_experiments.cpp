@@ -13,13 +13,21 @@ namespace {
 
 constexpr double kCycle_s = 0.001;
 
+// Those that the robot file gives, and the paper's where it leaves them to the firmware.
+control::PoseControlSettings<double> paper_gains(const model::RobotParameters& robot) {
+    auto settings = control::pose_control_settings<double>(robot);
+    if (robot.pose_control.gamma1 <= 0) settings.gamma1 = kPaperGamma1_per_s;
+    if (robot.pose_control.gamma2 <= 0) settings.gamma2 = kPaperGamma2_per_s;
+    return settings;
+}
+
 // The paper's whole controller and its robot.
 class PaperRobot {
   public:
     PaperRobot(const model::RobotParameters& believed, const model::RobotParameters& truth,
                const Pose<double>& start)
         : geometry_(believed.geometry),
-          settings_(control::pose_control_settings<double>(believed)),
+          settings_(paper_gains(believed)),
           limit_Nm_(believed.limits.torque_Nm),
           plant_(sim::plant_from_dynamics(truth.geometry, truth.dynamics, {}), start),
           dynamics_(sim::plant_dynamics(plant_.parameters())),

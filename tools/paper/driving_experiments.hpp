@@ -11,6 +11,10 @@
 
 namespace wheelwright::paper {
 
+// Gains of (82) and (83) with which the law converges within ten seconds, beside lambda3 / lambda2 = 3.
+inline constexpr double kPaperGamma1_per_s = 1;
+inline constexpr double kPaperGamma2_per_s = 3;
+
 struct DrivenSample {
     double time_s = 0;
     Pose<double> reference;
