@@ -20,11 +20,25 @@ struct VelocityLoopSpeed {
     double observer_bandwidth_rad_per_s{};
 };
 
+// What dry friction leaves of a wheel's torque, and a tenth of the limit at least, so that a model of
+// friction that is wrong makes no loop slow without end.
+inline double accelerating_Nm(const model::RobotParameters& from) {
+    WheelPair<double> dry{};
+    model::for_each_dry(from.effects, from.geometry,
+                        [&dry](std::size_t, unsigned, const WheelPair<double>& direction, double limit_Nm) {
+                            dry.left += std::abs(direction.left) * limit_Nm;
+                            dry.right += std::abs(direction.right) * limit_Nm;
+                        });
+    const double limit_Nm = from.limits.torque_Nm;
+    return std::max(limit_Nm - std::max(dry.left, dry.right), limit_Nm / 10);
+}
+
 // What the robot file says; "auto" follows from the robot:
 // - delay: a loop needs some fourteen times its delay to settle (where an effect makes the torque later, this
 //   bounds a given time too);
 // - encoders: what is left of their noise in the true speed, after a loop that settles in t,
-//   r sigma sqrt(T) (4.6 / t)^1.5, shall be 0.6 % of a step that the torque can give in t, 0.3 t a;
+//   r sigma sqrt(T) (4.6 / t)^1.5, shall be 0.6 % of a step that the torque can give in t, 0.3 t a, with a by
+//   what dry friction leaves of the torque, at a wheel's rim, forward or turning, whichever is less;
 // - fifty cycles, so that a loop is seen as continuous.
 // The observer is 2.7 times as fast as a loop that settles so (12.5 / 4.6): with that the default robot has
 // 55 degrees of phase margin (`wheelwright demo`).
@@ -41,7 +55,9 @@ inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from,
     if (loop.settling_time_s > 0) {
         if (effects_s > 0) speed.settling_time_s = std::max(speed.settling_time_s, by_delay_s);
     } else {
-        const double acceleration_m_per_s2 = 2 * from.dynamics.k7_per_kg_m * from.limits.torque_Nm;
+        const double rim_per_Nm =
+            2 * std::min(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
+        const double acceleration_m_per_s2 = rim_per_Nm * accelerating_Nm(from);
         const double noise = from.geometry.mean_radius_m() * loop.angle_noise_rad * std::sqrt(cycle_s) *
                              std::pow(kTimeConstantsToOnePercent, 1.5);
         const double by_noise_s = std::pow(noise / (kRippleShare * kStepShare * acceleration_m_per_s2), 0.4);
