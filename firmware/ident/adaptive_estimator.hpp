@@ -296,10 +296,10 @@ class AdaptiveEstimator {
         int measured = 0;       // rows whose noise was learned, up to kNoiseRows
         Quiet quiet;
     };
-    // Fading sums over rows: of innovations that go with a parameter's regressor, and of what they may come
-    // to by noise and by the estimate's own error.
+    // Fading sums over rows: of innovations that go with a parameter's regressor, and the variance that they
+    // have by chance.
     struct Window {
-        std::array<Real, kLoad> score{}, noise{}, error{};
+        std::array<Real, kLoad> score{}, noise{};
         Real keep{};   // by each row of either equation
         int rows = 0;  // of both equations
     };
@@ -413,14 +413,14 @@ class AdaptiveEstimator {
 
     bool window_shows_change(const Row& row) {
         Window& w = window_;
-        const Real own = std::sqrt(row.projection.variance);
+        // Innovations over their own deviation are white, whatever the estimate's error was to begin with.
+        const Real standard = row.innovation / std::sqrt(1 + row.projection.variance);
         constexpr Real sum_gate = kSumGate_sigma * kSumGate_sigma;
         bool found = false;
         for (std::size_t i = 0; i < kLoad; ++i) {
-            w.score[i] = w.keep * w.score[i] + row.phi[i] * row.innovation;
+            w.score[i] = w.keep * w.score[i] + row.phi[i] * standard;
             w.noise[i] = w.keep * w.keep * w.noise[i] + row.phi[i] * row.phi[i];
-            w.error[i] = w.keep * w.error[i] + std::abs(row.phi[i]) * own;
-            found = found || w.score[i] * w.score[i] > sum_gate * (w.noise[i] + w.error[i] * w.error[i]);
+            found = found || w.score[i] * w.score[i] > sum_gate * w.noise[i];
         }
         return ++w.rows >= 2 * kFewestRows && found;
     }
