@@ -45,6 +45,7 @@ struct ObserverGains {
     Real angle{};
     Real speed_per_s{};
     Real error_per_s2{};
+    Real error_pole{};  // 1 - s
 };
 
 inline constexpr double kErrorShare = 0.15;
@@ -56,7 +57,7 @@ ObserverGains<Real> observer_gains(Real bandwidth_rad_per_s, Real period_s) {
     const Real g = 1 - p * p * s;
     const Real k = (1 - p) * (1 - p) * (1 - s);
     const Real h = 3 - g - k / 2 - (2 * p + s);
-    return {g, h / period_s, k / (period_s * period_s)};
+    return {g, h / period_s, k / (period_s * period_s), 1 - s};
 }
 
 template <typename Real>
@@ -176,6 +177,7 @@ class WheelObserver {
         std::size_t newest = 0;
         std::size_t count = 0;
         bool heard = false;
+        bool stuck = false;  // by dry friction, as predicted
 
         void advance(Real acceleration, Real dt) {
             angle += dt * (speed + acceleration * dt / 2);
@@ -236,6 +238,7 @@ class WheelObserver {
             coupled_acceleration<kUpTo>(plant, model::acceleration(k, motion_.twist, net));
         WheelPair<Real> a =
             model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
+        for (Wheel& wheel : wheels_) wheel.stuck = false;
         a.left += wheels_[0].error;
         a.right += wheels_[1].error;
         model::for_each_dry<kUpTo>(
@@ -249,6 +252,10 @@ class WheelObserver {
                                    model::sliding_speed(d, a)) /
                                   mobility;
                 const Real lambda = std::clamp(stop, -friction, friction);
+                if (lambda == stop) {
+                    wheels_[0].stuck = wheels_[0].stuck || d.left != 0;
+                    wheels_[1].stuck = wheels_[1].stuck || d.right != 0;
+                }
                 a.left -= lambda * per_Nm.left;
                 a.right -= lambda * per_Nm.right;
             });
@@ -275,6 +282,12 @@ class WheelObserver {
         const Real innovation = Real(sample.position_rad - wheel.base) - then;
         wheel.angle += gains_.angle * innovation;
         wheel.speed += gains_.speed_per_s * innovation;
+        // A wheel that friction holds tells nothing of the error, and most of one is friction's own: it turns
+        // with the next motion.
+        if (wheel.stuck) {
+            wheel.error -= gains_.error_pole * wheel.error;
+            return;
+        }
         // With the learned error or without: a wrong one must not keep itself.
         const Real least = std::min(std::abs(acceleration), std::abs(acceleration - wheel.error));
         const Real calm = least / settings_.calm_acceleration_rad_per_s2;

@@ -391,8 +391,7 @@ class AdaptiveEstimator {
             return false;
         }
         const Real gate = options_.gate_sigma * options_.gate_sigma;
-        const bool excited = excited_[kMass] || excited_[kInertia];
-        if (square > gate || (excited && window_shows_change(row))) {
+        if (square > gate || window_shows_change(row)) {
             hold_rows_ = kWindowRows;
             // twice, with no quiet window between: rather the noise is larger than it was thought to be
             if (!was_quiet_) row.power = 2 * noise(row);
@@ -417,7 +416,10 @@ class AdaptiveEstimator {
         const Real standard = row.innovation / std::sqrt(1 + row.projection.variance);
         constexpr Real sum_gate = kSumGate_sigma * kSumGate_sigma;
         bool found = false;
+        const bool moved = excited_[kMass] || excited_[kInertia];
         for (std::size_t i = 0; i < kLoad; ++i) {
+            // Accelerations about as small as the noise go with it, not with the robot.
+            if (!(i < kWatched ? excited_[i] && moved : moved)) continue;
             w.score[i] = w.keep * w.score[i] + row.phi[i] * standard;
             w.noise[i] = w.keep * w.keep * w.noise[i] + row.phi[i] * row.phi[i];
             found = found || w.score[i] * w.score[i] > sum_gate * w.noise[i];
