@@ -180,7 +180,7 @@ class DynamicsEstimator {
 
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
     TwistRate<Real> residual_variance() const {
-        return {equation_[0].errors.residual_variance(), equation_[1].errors.residual_variance()};
+        return {equation_[0].noise.mean, equation_[1].noise.mean};
     }
 
   private:
@@ -210,7 +210,28 @@ class DynamicsEstimator {
     using ColumnMatrix = Eigen::Matrix<double, kMaxColumns, kMaxColumns>;
     enum class Work : std::uint8_t { none, linear, turning, linear_errors, turning_errors, publishing };
 
+    // The rows' noise is not the same at all times: while the drives' frames queue in front of a torque, its
+    // delay jumps, and a row may be ten times as noisy as a second later. So rows are weighed by the noise of
+    // those just before them, which knows nothing of their own.
+    struct NoisePower {
+        static constexpr std::uint32_t kMemory = 10;  // rows
+        static constexpr Real kBelief = Real(0.1);    // of the mean, in what is taken for the noise now
+        Real now = 0, mean = 0;
+        std::uint32_t rows = 0;
+
+        void push(Real power) {
+            ++rows;
+            mean += (power - mean) / static_cast<Real>(rows);
+            now += (power - now) / static_cast<Real>(std::min(rows, kMemory));
+        }
+        Real weight() const {
+            return mean > 0 ? std::sqrt(mean / (now + kBelief * (mean - now))) : Real(1);
+        }
+    };
+
     struct Equation {
+        NoisePower noise;
+        bool slow_believed = false;
         UdRls<Real, kSize, true> rls;
         Errors errors;
         ExcitationMonitor<Real, kSize> monitor;
@@ -268,20 +289,24 @@ class DynamicsEstimator {
                    own(row.slow_torque_Nm)};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
             phi[kFixed + j] = own(row.column[j]);
-        let_timing_wander(equation, timing);
-        const auto projection = equation.rls.projection(phi);
-        Real innovation = y;
-        for (int i = 0; i < kFixed + columns_; ++i)
-            innovation -=
-                phi[static_cast<std::size_t>(i)] * equation.rls.theta()[static_cast<std::size_t>(i)];
-        equation.rls.update_with_innovation(phi, innovation);
-        typename Errors::Vector shared{};
-        std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
-        equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
         equation.monitor.settle();
         equation.torque_power += phi[kTorque] * phi[kTorque];
         equation.slow_power += phi[kTorque] * phi[kSlowTorque];
+        Real innovation = y;
+        for (int i = 0; i < kFixed + columns_; ++i)
+            innovation -=
+                phi[static_cast<std::size_t>(i)] * equation.rls.theta()[static_cast<std::size_t>(i)];
+        const Real weight = equation.noise.weight();
+        let_timing_wander(equation, timing, weight);
+        for (Real& x : phi) x *= weight;
+        const Real variance = equation.rls.update_with_innovation(phi, weight * innovation);
+        const Real normal = innovation / std::sqrt(1 + variance);
+        typename Errors::Vector shared{};
+        std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
+        equation.errors.push(shared, weight * normal);
+        if (equation.errors.settled()) equation.noise.push(normal * normal);
+        if (!equation.slow_believed && equation.noise.rows == NoisePower::kMemory) believe_slow(equation);
         equation.run_residual += innovation;
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
@@ -297,13 +322,25 @@ class DynamicsEstimator {
 
     // A random walk so large that the data of kTimingMemory_s tell it: the window over which a parameter with
     // regressor power p and walk q (per row, in units of the noise) is averaged is 1 / sqrt(p q).
-    void let_timing_wander(Equation& equation, Real timing) {
+    void let_timing_wander(Equation& equation, Real timing, Real weight) {
         const Real share = 1 / static_cast<Real>(estimate_.rows + 1);
         equation.timing_power += share * (timing * timing - equation.timing_power);
         const Real window = timing_memory_rows_ * timing_memory_rows_ * equation.timing_power;
         if (!(window > 0)) return;
-        const Real walk = std::min(1 / window, options_.prior_variance);
+        const Real walk = std::min(1 / (window * weight * weight), options_.prior_variance);
         for (int i = 0; i < kTiming; ++i) equation.rls.add_variance(i, walk);
+    }
+
+    // The slow torque's coefficient is K7 (K8) times the square of friction's share at most. As soon as the
+    // noise tells what that weighs against the data, this belief joins them as a measurement: where friction
+    // is small the column then costs K7 and K8 nothing, where it is large the data decide.
+    void believe_slow(Equation& equation) {
+        equation.slow_believed = true;
+        const Real size = options_.dry_share * options_.dry_share * equation.rls.theta()[kTorque];
+        if (size == 0) return;
+        Vector phi{};
+        phi[kSlowTorque] = std::sqrt(equation.noise.mean) / size;
+        equation.rls.update_with_innovation(phi, -phi[kSlowTorque] * equation.rls.theta()[kSlowTorque]);
     }
 
     typename Errors::Vector covariances(const Equation& equation, int parameter) const {
@@ -399,7 +436,7 @@ class DynamicsEstimator {
         if (!(e.motion_power > 0)) return 0;
         constexpr Real kInARow = Real(0.55);
         constexpr Real kHidden = Real(0.2);
-        const Real white = static_cast<Real>(e.runs) * kRunRows * e.errors.residual_variance() / kInARow;
+        const Real white = static_cast<Real>(e.runs) * kRunRows * e.noise.mean / kInARow;
         const Real beyond = std::max(e.residual_power - white, Real(0));
         return std::sqrt((beyond + kHidden * kHidden * (e.residual_power - beyond)) / e.motion_power);
     }

@@ -51,6 +51,9 @@ class ScoreErrors {
     // A row that was masked.
     void skip() { smooth({}, 0); }
 
+    // Innovations no longer hold much of the estimate's error.
+    bool settled() const { return rows_ > settling_rows(); }
+
     // Mean square of the residuals.
     Real residual_variance() const { return counted() > 0 ? power_ / counted() : Real(0); }
 

@@ -78,11 +78,13 @@ class UdRls {
     }
 
     // The same for a model that is not linear: phi is the gradient of the prediction, `innovation` what was
-    // measured less what was predicted (recursive Gauss-Newton).
-    void update_with_innovation(const Vector& phi, Real innovation) {
+    // measured less what was predicted (recursive Gauss-Newton). Returns the prediction's variance before it.
+    Real update_with_innovation(const Vector& phi, Real innovation) {
         Vector gain;
-        const Real scale = update_gain(phi, gain);
+        const Projection before = projection(phi);
+        const Real scale = update_gain(before, gain);
         for (int i = 0; i < size(); ++i) theta_[index(i)] += gain[index(i)] * (scale * innovation);
+        return before.variance;
     }
 
     // The covariance's half of an update. theta would move by gain * (returned scale) * innovation; the
