@@ -257,21 +257,18 @@ class DynamicsEstimator {
 
     void update_linear() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        regress(
-            equation_[0], row.omega_squared, {row.v_omega, 0}, row.acceleration.v_m_per_s2,
-            [](const WheelPair<Real>& pair) { return pair.sum(); },
-            [](const WheelPair<Real>& pair) { return pair.difference(); });
+        regress(equation_[0], 1, row.omega_squared, {row.v_omega, 0}, row.acceleration.v_m_per_s2);
     }
     void update_turning() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        regress(
-            equation_[1], row.v_omega, {row.v_squared, row.omega_squared}, row.acceleration.omega_rad_per_s2,
-            [](const WheelPair<Real>& pair) { return pair.difference(); },
-            [](const WheelPair<Real>& pair) { return pair.sum(); });
+        regress(equation_[1], -1, row.v_omega, {row.v_squared, row.omega_squared},
+                row.acceleration.omega_rad_per_s2);
     }
-    template <typename Own, typename Cross>
-    void regress(Equation& equation, Real velocity_product, const std::array<Real, 2>& cross_product, Real y,
-                 Own&& own, Cross&& cross) {
+    // `left`: the sign with which the left wheel takes part.
+    void regress(Equation& equation, Real left, Real velocity_product,
+                 const std::array<Real, 2>& cross_product, Real y) {
+        const auto own = [left](const WheelPair<Real>& pair) { return pair.right + left * pair.left; };
+        const auto cross = [left](const WheelPair<Real>& pair) { return pair.right - left * pair.left; };
         const RegressionRow<Real, kTaps>& row = filter_.row();
         const auto& [early, torque, late] = row.torque_Nm;
         const Real timing = own(late) - own(early);
