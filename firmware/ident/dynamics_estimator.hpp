@@ -329,7 +329,7 @@ class DynamicsEstimator {
     // The slow torque's coefficient is K7 (K8) times the square of friction's share at most. As soon as the
     // noise tells what that weighs against the data, this belief joins them as a measurement: where friction
     // is small the column then costs K7 and K8 nothing, where it is large the data decide.
-    void believe_slow(Equation& equation) {
+    [[gnu::noinline]] void believe_slow(Equation& equation) {
         const Real size = slow_error_share() * equation.rls.theta()[kTorque];
         if (size == 0) return;
         Vector phi{};
@@ -390,7 +390,7 @@ class DynamicsEstimator {
 
     // Of a symmetric positive matrix whose scales may differ by many powers of ten: Gauss-Jordan, which needs
     // no pivots here, on the matrix scaled to a diagonal of ones.
-    ColumnMatrix inverse(const ColumnMatrix& matrix) const {
+    [[gnu::noinline]] ColumnMatrix inverse(const ColumnMatrix& matrix) const {
         ColumnVector scale = ColumnVector::Zero();
         for (int i = 0; i < columns_; ++i) scale(i) = 1 / std::sqrt(std::max(matrix(i, i), 1e-300));
         ColumnMatrix work = ColumnMatrix::Zero();
