@@ -295,8 +295,9 @@ class DynamicsEstimator {
         const Real weight = equation.noise.weight();
         let_timing_wander(equation, timing, weight);
         for (Real& x : phi) x *= weight;
-        const Real variance = equation.rls.update_with_innovation(phi, weight * innovation);
-        const Real normal = innovation / std::sqrt(1 + variance);
+        const auto projection = equation.rls.projection(phi);
+        equation.rls.update_projected(projection, weight * innovation);
+        const Real normal = innovation / std::sqrt(1 + projection.variance);
         typename Errors::Vector shared{};
         std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
         equation.errors.push(shared, weight * normal);

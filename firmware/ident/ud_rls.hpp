@@ -78,13 +78,11 @@ class UdRls {
     }
 
     // The same for a model that is not linear: phi is the gradient of the prediction, `innovation` what was
-    // measured less what was predicted (recursive Gauss-Newton). Returns the prediction's variance before it.
-    Real update_with_innovation(const Vector& phi, Real innovation) {
+    // measured less what was predicted (recursive Gauss-Newton).
+    void update_with_innovation(const Vector& phi, Real innovation) {
         Vector gain;
-        const Projection before = projection(phi);
-        const Real scale = update_gain(before, gain);
+        const Real scale = update_gain(phi, gain);
         for (int i = 0; i < size(); ++i) theta_[index(i)] += gain[index(i)] * (scale * innovation);
-        return before.variance;
     }
 
     // The covariance's half of an update. theta would move by gain * (returned scale) * innovation; the
@@ -119,6 +117,13 @@ class UdRls {
         rank_one(p.f, p.v, weight, grow, gain);
         if (bounded_ && !bounds_apart_) keep_bounds();
         return 1 / denominator;
+    }
+
+    // The whole update, of a regressor that has been projected.
+    void update_projected(const Projection& p, Real innovation) {
+        Vector gain;
+        const Real scale = update_gain(p, gain);
+        for (int i = 0; i < size(); ++i) theta_[index(i)] += gain[index(i)] * (scale * innovation);
     }
 
     // Adds to the variance of parameter i (process noise, or doubt after a detected change).
