@@ -1,4 +1,5 @@
-// Compiles every control template for both scalars, under the core's options (no exceptions, no RTTI).
+// Compiles every control template once, under the core's options (no exceptions, no RTTI); with double in
+// control_double.cpp.
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/control/limits.hpp"
 #include "firmware/control/loop_design.hpp"
@@ -13,26 +14,15 @@
 namespace wheelwright::control {
 
 template class TwistRateLimiter<float>;
-template class TwistRateLimiter<double>;
 template class WheelObserver<float>;
-template class WheelObserver<double>;
 template class VelocityLoop<float>;
-template class VelocityLoop<double>;
 template class LoopDesign<float>;
-template class LoopDesign<double>;
 template class PathPace<float>;
-template class PathPace<double>;
 template class PoseController<float>;
-template class PoseController<double>;
 template class StreamedReference<float>;
-template class StreamedReference<double>;
 template class TrajectoryTracker<float>;
-template class TrajectoryTracker<double>;
 template class Odometry<float>;
-template class Odometry<double>;
 template ReferencePoint<float> path_point(const PathSettings<float>&, float);
-template ReferencePoint<double> path_point(const PathSettings<double>&, double);
 template Twist<float> paper_pose_law(const PoseControlSettings<float>&, const PolarError<float>&, bool);
-template Twist<double> paper_pose_law(const PoseControlSettings<double>&, const PolarError<double>&, bool);
 
 }  // namespace wheelwright::control

@@ -55,12 +55,12 @@ struct PoseControlSettings {
 };
 
 // Settings from the robot file. What it leaves at "auto":
-// - a third of the usual acceleration, half of the usual yaw acceleration: turning comes first;
+// - a quarter of the usual acceleration, half of the usual yaw acceleration: turning comes first;
 // - half of the speed limit, and a third of the yaw rate limit;
 // - gamma2 a twelfth of the velocity loops' rate, and so low that a bearing error of 0.8 rad asks for no more
 //   than the usual yaw acceleration; gamma1 a third of it, for the bearing has to be right before the way is
 //   driven;
-// - where it stops: an 80th of the track, or twice the noise of the poses from outside; the heading, by
+// - where it stops: a hundredth of the track, or twice the noise of the poses from outside; the heading, by
 // theirs.
 template <typename Real>
 PoseControlSettings<Real> pose_control_settings(const model::RobotParameters& from) {
@@ -72,8 +72,8 @@ PoseControlSettings<Real> pose_control_settings(const model::RobotParameters& fr
     const double loop_per_s =
         kTimeConstantsToOnePercent / velocity_loop_speed(from, kObserverCycle_s).settling_time_s;
     const double gamma2 = given(p.gamma2, std::min(loop_per_s / 12, std::sqrt(1.2 * usual_yaw)));
-    const double stop =
-        given(p.stop_radius_m, std::max(from.geometry.track_m / 80, 2 * from.odometry.external_pose_noise_m));
+    const double stop = given(p.stop_radius_m,
+                              std::max(from.geometry.track_m / 100, 2 * from.odometry.external_pose_noise_m));
     PoseControlSettings<Real> to;
     to.gamma1 = Real(given(p.gamma1, gamma2 / 3));
     to.gamma2 = Real(gamma2);
@@ -83,7 +83,7 @@ PoseControlSettings<Real> pose_control_settings(const model::RobotParameters& fr
     to.yaw_rate_rad_per_s = Real(std::min(given(p.yaw_rate_rad_per_s, from.limits.yaw_rate_rad_per_s / 3),
                                           from.limits.yaw_rate_rad_per_s));
     to.acceleration_m_per_s2 =
-        Real(std::min(given(p.acceleration_m_per_s2, usual / 3), from.limits.acceleration_m_per_s2));
+        Real(std::min(given(p.acceleration_m_per_s2, usual / 4), from.limits.acceleration_m_per_s2));
     to.yaw_acceleration_rad_per_s2 = Real(yaw_acceleration);
     to.stop_radius_m = Real(stop);
     to.rearm_radius_m = Real(std::max(given(p.rearm_radius_m, 2.25 * stop), stop));

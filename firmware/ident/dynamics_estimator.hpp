@@ -62,7 +62,8 @@ struct DynamicsEstimatorOptions {
     Real coupling_standard_error_m = Real(1e9);  // of K5, and of K6 as a length (it is -K5 * 2 K8 / (b K7))
     // Dry friction over the excitation's torque. The slow torque's column takes most of what the friction
     // column is wrong by about a reversal. What coarse encoders leave is as large as the whole at most: this
-    // share squared, times the share of the torque that is slow. It is part of K7's and K8's standard errors.
+    // share squared, times the share of the torque that is slow. It is part of K7's and K8's standard errors,
+    // and what is believed of the slow torque's coefficient before the data tell.
     Real dry_share = 0;
     Real prior_variance = Real(1e6);  // P(-1) = c I
     Real excitation_memory_s = 2;
@@ -179,9 +180,7 @@ class DynamicsEstimator {
     }
 
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
-    TwistRate<Real> residual_variance() const {
-        return {equation_[0].errors.residual_variance(), equation_[1].errors.residual_variance()};
-    }
+    TwistRate<Real> residual_variance() const { return {equation_[0].noise.mean, equation_[1].noise.mean}; }
 
   private:
     // Where what stands in theta.
@@ -201,7 +200,9 @@ class DynamicsEstimator {
     static constexpr int kRunRows = 16;
     // Of what the model does not explain, how much may go with the torque and so be taken for K7 or K8: the
     // cosine between the two, for effects that the torque does not know of.
-    static constexpr double kShareInGain = 0.1;
+    static constexpr Real kShareInGain = Real(0.1);
+    // Standard deviation of what may be anything between two bounds, over a bound: 1 / sqrt(3).
+    static constexpr Real kOfABound = Real(0.577);
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     using Vector = std::array<Real, kSize>;
     using Errors = ScoreErrors<Real, kSize - kTiming>;
@@ -210,7 +211,25 @@ class DynamicsEstimator {
     using ColumnMatrix = Eigen::Matrix<double, kMaxColumns, kMaxColumns>;
     enum class Work : std::uint8_t { none, linear, turning, linear_errors, turning_errors, publishing };
 
+    // The rows' noise is not the same at all times: while the drives' frames queue in front of a torque, its
+    // delay jumps, and a row may be ten times as noisy as a second later. So rows are weighed by the noise of
+    // those just before them, which knows nothing of their own.
+    struct NoisePower {
+        static constexpr std::uint32_t kMemory = 10;  // rows
+        static constexpr Real kBelief = Real(0.1);    // of the mean, in what is taken for the noise now
+        Real now = 0, mean = 0;
+        std::uint32_t rows = 0;
+
+        void push(Real power) {
+            ++rows;
+            mean += (power - mean) / static_cast<Real>(rows);
+            now += (power - now) / static_cast<Real>(std::min(rows, kMemory));
+        }
+        Real weight() const { return mean > 0 ? std::sqrt(mean / (now + kBelief * (mean - now))) : Real(1); }
+    };
+
     struct Equation {
+        NoisePower noise;
         UdRls<Real, kSize, true> rls;
         Errors errors;
         ExcitationMonitor<Real, kSize> monitor;
@@ -238,21 +257,18 @@ class DynamicsEstimator {
 
     void update_linear() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        regress(
-            equation_[0], row.omega_squared, {row.v_omega, 0}, row.acceleration.v_m_per_s2,
-            [](const WheelPair<Real>& pair) { return pair.sum(); },
-            [](const WheelPair<Real>& pair) { return pair.difference(); });
+        regress(equation_[0], 1, row.omega_squared, {row.v_omega, 0}, row.acceleration.v_m_per_s2);
     }
     void update_turning() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
-        regress(
-            equation_[1], row.v_omega, {row.v_squared, row.omega_squared}, row.acceleration.omega_rad_per_s2,
-            [](const WheelPair<Real>& pair) { return pair.difference(); },
-            [](const WheelPair<Real>& pair) { return pair.sum(); });
+        regress(equation_[1], -1, row.v_omega, {row.v_squared, row.omega_squared},
+                row.acceleration.omega_rad_per_s2);
     }
-    template <typename Own, typename Cross>
-    void regress(Equation& equation, Real velocity_product, const std::array<Real, 2>& cross_product, Real y,
-                 Own&& own, Cross&& cross) {
+    // `left`: the sign with which the left wheel takes part.
+    void regress(Equation& equation, Real left, Real velocity_product,
+                 const std::array<Real, 2>& cross_product, Real y) {
+        const auto own = [left](const WheelPair<Real>& pair) { return pair.right + left * pair.left; };
+        const auto cross = [left](const WheelPair<Real>& pair) { return pair.right - left * pair.left; };
         const RegressionRow<Real, kTaps>& row = filter_.row();
         const auto& [early, torque, late] = row.torque_Nm;
         const Real timing = own(late) - own(early);
@@ -268,20 +284,25 @@ class DynamicsEstimator {
                    own(row.slow_torque_Nm)};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
             phi[kFixed + j] = own(row.column[j]);
-        let_timing_wander(equation, timing);
-        const auto projection = equation.rls.projection(phi);
-        Real innovation = y;
-        for (int i = 0; i < kFixed + columns_; ++i)
-            innovation -=
-                phi[static_cast<std::size_t>(i)] * equation.rls.theta()[static_cast<std::size_t>(i)];
-        equation.rls.update_with_innovation(phi, innovation);
-        typename Errors::Vector shared{};
-        std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
-        equation.errors.push(shared, innovation / std::sqrt(1 + projection.variance));
         equation.monitor.push(phi);
         equation.monitor.settle();
         equation.torque_power += phi[kTorque] * phi[kTorque];
         equation.slow_power += phi[kTorque] * phi[kSlowTorque];
+        Real innovation = y;
+        for (int i = 0; i < kFixed + columns_; ++i)
+            innovation -=
+                phi[static_cast<std::size_t>(i)] * equation.rls.theta()[static_cast<std::size_t>(i)];
+        const Real weight = equation.noise.weight();
+        let_timing_wander(equation, timing, weight);
+        for (Real& x : phi) x *= weight;
+        const auto projection = equation.rls.projection(phi);
+        equation.rls.update_projected(projection, weight * innovation);
+        const Real normal = innovation / std::sqrt(1 + projection.variance);
+        typename Errors::Vector shared{};
+        std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
+        equation.errors.push(shared, weight * normal);
+        if (equation.errors.settled()) equation.noise.push(normal * normal);
+        if (equation.noise.rows == NoisePower::kMemory) believe_slow(equation);
         equation.run_residual += innovation;
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
@@ -297,13 +318,24 @@ class DynamicsEstimator {
 
     // A random walk so large that the data of kTimingMemory_s tell it: the window over which a parameter with
     // regressor power p and walk q (per row, in units of the noise) is averaged is 1 / sqrt(p q).
-    void let_timing_wander(Equation& equation, Real timing) {
+    void let_timing_wander(Equation& equation, Real timing, Real weight) {
         const Real share = 1 / static_cast<Real>(estimate_.rows + 1);
         equation.timing_power += share * (timing * timing - equation.timing_power);
         const Real window = timing_memory_rows_ * timing_memory_rows_ * equation.timing_power;
         if (!(window > 0)) return;
-        const Real walk = std::min(1 / window, options_.prior_variance);
+        const Real walk = std::min(1 / (window * weight * weight), options_.prior_variance);
         for (int i = 0; i < kTiming; ++i) equation.rls.add_variance(i, walk);
+    }
+
+    // The slow torque's coefficient is K7 (K8) times the square of friction's share at most. As soon as the
+    // noise tells what that weighs against the data, this belief joins them as a measurement: where friction
+    // is small the column then costs K7 and K8 nothing, where it is large the data decide.
+    [[gnu::noinline]] void believe_slow(Equation& equation) {
+        const Real size = slow_error_share() * equation.rls.theta()[kTorque];
+        if (size == 0) return;
+        Vector phi{};
+        phi[kSlowTorque] = std::sqrt(equation.noise.mean) / size;
+        equation.rls.update_with_innovation(phi, -phi[kSlowTorque] * equation.rls.theta()[kSlowTorque]);
     }
 
     typename Errors::Vector covariances(const Equation& equation, int parameter) const {
@@ -315,12 +347,8 @@ class DynamicsEstimator {
 
     // Standard errors, and what the equation knows of the effects' parameters (first-order propagation).
     void refresh(Equation& equation) {
-        const auto p_product = covariances(equation, kVelocityProduct);
-        equation.velocity_product_error =
-            error(equation, kVelocityProduct, equation.errors.covariance(p_product, p_product));
-        const auto p_cross = covariances(equation, kCrossProduct);
-        equation.mirrored_product_error =
-            error(equation, kCrossProduct, equation.errors.covariance(p_cross, p_cross));
+        equation.velocity_product_error = slow_error(equation, kVelocityProduct);
+        equation.mirrored_product_error = slow_error(equation, kCrossProduct);
         std::array<typename Errors::Vector, model::kMaxEstimatedColumns + 1>
             p;  // of the torque, and of each effect
         p[0] = covariances(equation, kTorque);
@@ -363,7 +391,7 @@ class DynamicsEstimator {
 
     // Of a symmetric positive matrix whose scales may differ by many powers of ten: Gauss-Jordan, which needs
     // no pivots here, on the matrix scaled to a diagonal of ones.
-    ColumnMatrix inverse(const ColumnMatrix& matrix) const {
+    [[gnu::noinline]] ColumnMatrix inverse(const ColumnMatrix& matrix) const {
         ColumnVector scale = ColumnVector::Zero();
         for (int i = 0; i < columns_; ++i) scale(i) = 1 / std::sqrt(std::max(matrix(i, i), 1e-300));
         ColumnMatrix work = ColumnMatrix::Zero();
@@ -392,15 +420,20 @@ class DynamicsEstimator {
         return result;
     }
 
+    // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
+    Real slow_error_share() const { return kOfABound * options_.dry_share * options_.dry_share; }
+
     // The share of the slow acceleration that something missing may stand behind: what is unexplained beyond
     // white noise on the plant (rows average it with a quadratic B-spline, so that of its power 0.55 stands
-    // in a row and all of it in long runs), and of what is not beyond it some, for noise hides as much.
+    // in a row and all of it in long runs) and beyond a standard deviation of what so many runs show of it,
+    // and of the rest some, for noise hides as much.
     Real missing_share(const Equation& e) const {
         if (!(e.motion_power > 0)) return 0;
         constexpr Real kInARow = Real(0.55);
         constexpr Real kHidden = Real(0.2);
-        const Real white = static_cast<Real>(e.runs) * kRunRows * e.errors.residual_variance() / kInARow;
-        const Real beyond = std::max(e.residual_power - white, Real(0));
+        const Real white = static_cast<Real>(e.runs) * kRunRows * e.noise.mean / kInARow;
+        const Real chance = std::sqrt(2 / static_cast<Real>(e.runs));
+        const Real beyond = std::max(e.residual_power - white * (1 + chance), Real(0));
         return std::sqrt((beyond + kHidden * kHidden * (e.residual_power - beyond)) / e.motion_power);
     }
 
@@ -421,8 +454,8 @@ class DynamicsEstimator {
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
         const auto widened = [&](const Equation& e, Real k) {
             const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
-            return std::hypot(e.torque_error, k * static_cast<Real>(kShareInGain) * missing_share(e),
-                              k * options_.dry_share * options_.dry_share * slow);
+            return std::hypot(e.torque_error, k * kOfABound * kShareInGain * missing_share(e),
+                              k * slow_error_share() * slow);
         };
         estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
                                     widened(linear, estimate_.dynamics.k7_per_kg_m),
@@ -463,8 +496,14 @@ class DynamicsEstimator {
     Real error(const Equation& equation, int parameter, Real variance) const {
         if (equation.rls.variance(parameter) > kNotExcited * options_.prior_variance)
             return static_cast<Real>(kUnknownError);
-        return std::sqrt(
-            std::max(variance, equation.rls.variance(parameter) * equation.errors.residual_density()));
+        return std::sqrt(std::max(variance, Real(0)));
+    }
+    // Of a parameter whose regressor is slow, so that a few strong rows decide the sandwich.
+    Real slow_error(const Equation& equation, int parameter) const {
+        const auto p = covariances(equation, parameter);
+        return error(equation, parameter,
+                     std::max(equation.errors.covariance(p, p),
+                              equation.rls.variance(parameter) * equation.errors.residual_density()));
     }
 
     DynamicsEstimatorOptions<Real> options_{};

@@ -9,8 +9,9 @@
 // can not come out negative.
 //
 // The first rows, whose innovations still hold the error of the estimate, are left out and made up for by
-// count. Rows that were masked count as scores of zero. A density from n averages is itself uncertain: S is
-// larger by n / (n - 2), as the variance of Student's t is, so that two standard errors cover what they say.
+// count. Rows that were masked count as scores of zero. A density of n degrees of freedom is itself
+// uncertain: S is larger by n / (n - 2), as the variance of Student's t is, so that two standard errors cover
+// what they say.
 //
 // Cost: N^2 / 2 + 6 N multiply-adds a row; covariance() N^2. Fixed size, no allocation.
 #pragma once
@@ -27,8 +28,8 @@ class ScoreErrors {
   public:
     using Vector = std::array<Real, N>;
     static constexpr int kMemoryRows = 5;  // of each pole
-    static constexpr Real kAveragedRows =
-        Real(16 * kMemoryRows) / Real(3);  // by the low-pass: 1 / its noise gain
+    // Rows for each degree of freedom of the density: the sum of the low-pass's squared autocorrelation.
+    static constexpr Real kRowsPerFreedom = Real(3.5) * kMemoryRows;
 
     void reset(int size = N) {
         *this = ScoreErrors{};
@@ -51,6 +52,9 @@ class ScoreErrors {
     // A row that was masked.
     void skip() { smooth({}, 0); }
 
+    // Innovations no longer hold much of the estimate's error.
+    bool settled() const { return rows_ > settling_rows(); }
+
     // Mean square of the residuals.
     Real residual_variance() const { return counted() > 0 ? power_ / counted() : Real(0); }
 
@@ -61,15 +65,15 @@ class ScoreErrors {
 
     // Below so many rows there is no covariance.
     std::uint32_t fewest_rows() const {
-        return settling_rows() + static_cast<std::uint32_t>(kFewestAverages * kAveragedRows) + 1;
+        return settling_rows() + static_cast<std::uint32_t>(kFewestFreedoms * kRowsPerFreedom) + 1;
     }
 
     // The middle of the sandwich, times a vector: S x. Zero below fewest_rows().
     Vector apply(const Vector& x) const {
         Vector result{};
         if (rows_ < fewest_rows()) return result;
-        const Real averages = counted() / kAveragedRows;
-        const Real scale = static_cast<Real>(rows_) / (counted() * noise_gain()) * averages / (averages - 2);
+        const Real freedoms = counted() / kRowsPerFreedom;
+        const Real scale = static_cast<Real>(rows_) / (counted() * noise_gain()) * freedoms / (freedoms - 2);
         for (int i = 0; i < size_; ++i) {
             Real sum = 0;
             for (int j = 0; j < size_; ++j)
@@ -89,7 +93,7 @@ class ScoreErrors {
 
   private:
     static constexpr std::uint32_t kSettle = 8;  // rows for each parameter
-    static constexpr Real kFewestAverages = 4;
+    static constexpr Real kFewestFreedoms = 6;
     static constexpr Real kGain = Real(1) / kMemoryRows;
     static constexpr Real kKeep = 1 - kGain;
     // Sum of the squares of the low-pass's impulse response, kGain^3 (k + 2) (k + 1) / 2 kKeep^k.

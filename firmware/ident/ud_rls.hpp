@@ -119,6 +119,13 @@ class UdRls {
         return 1 / denominator;
     }
 
+    // The whole update, of a regressor that has been projected.
+    void update_projected(const Projection& p, Real innovation) {
+        Vector gain;
+        const Real scale = update_gain(p, gain);
+        for (int i = 0; i < size(); ++i) theta_[index(i)] += gain[index(i)] * (scale * innovation);
+    }
+
     // Adds to the variance of parameter i (process noise, or doubt after a detected change).
     void add_variance(int parameter, Real amount) {
         Vector a{};

@@ -119,10 +119,10 @@ const std::array kTable{
     WW_REAL(0x00D2, pose_control.lambda_ratio, "", 3.0, 0.05, 20.0, idle, "lambda3 / lambda2 of eq (83)"),
     WW_REAL(0x00D3, pose_control.speed_m_per_s, "m/s", 0.0, 0.02, 10.0, idle, "cruising speed towards a pose goal; auto: half of limits.speed_m_per_s"),
     WW_REAL(0x00D4, pose_control.yaw_rate_rad_per_s, "rad/s", 0.0, 0.02, 20.0, idle, "largest yaw rate towards a pose goal; auto: a third of limits.yaw_rate_rad_per_s"),
-    WW_REAL(0x00D5, pose_control.stop_radius_m, "m", 0.0, 0.0005, 0.1, idle, "distance at which the goal's position is reached; auto: an 80th of the track, or twice odometry.external_pose_noise_m"),
+    WW_REAL(0x00D5, pose_control.stop_radius_m, "m", 0.0, 0.0005, 0.1, idle, "distance at which the goal's position is reached; auto: a hundredth of the track, or twice odometry.external_pose_noise_m"),
     WW_REAL(0x00D6, pose_control.rearm_radius_m, "m", 0.0, 0.001, 0.2, idle, "distance at which a reached goal is pursued again; auto: 2.25 times the stop radius"),
     WW_REAL(0x00D7, pose_control.heading_tolerance_rad, "rad", 0.0, 0.0005, 0.2, idle, "heading error at which the goal's heading is reached; auto: 1.25 times odometry.external_heading_noise_rad"),
-    WW_REAL(0x00D8, pose_control.acceleration_m_per_s2, "m/s^2", 0.0, 0.01, 200.0, idle, "largest rate of change of the speed towards a pose goal; auto: a third of what half of the torque gives"),
+    WW_REAL(0x00D8, pose_control.acceleration_m_per_s2, "m/s^2", 0.0, 0.01, 200.0, idle, "largest rate of change of the speed towards a pose goal; auto: a quarter of what half of the torque gives"),
     WW_REAL(0x00D9, pose_control.yaw_acceleration_rad_per_s2, "rad/s^2", 0.0, 0.01, 2000.0, idle, "largest rate of change of the yaw rate towards a pose goal; auto: half of what half of the torque gives"),
 
     WW_REAL(0x00E0, trajectory.along_gain_per_s, "1/s", 0.0, 0.05, 20.0, idle, "gain on the error along the path; auto: as fast as torque and limits can bring the robot back to rest beside the path"),
