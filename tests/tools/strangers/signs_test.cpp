@@ -44,16 +44,19 @@ TEST_GROUP(SmallRooms){};
 // In a small room the pushes are so gentle that noise can make K7 or K8 of any sign. The brakes must not work
 // with that: a robot once went 1.6 m in a room of 0.1 m.
 TEST(SmallRooms, noise_in_the_probe_does_not_make_the_brakes_run_away) {
-    for (int number = 1; number <= 24; ++number) {
-        DrawnRobot robot = draw_robot(58, number, RobotFault::no_room);
-        // as much as the coarsest drawn encoder has, on all of them
-        robot.truth.simulation.encoder_noise_rad = 3e-3;
-        const RobotResult result = run_trial(robot, {"", false});
-        CHECK(result.problem.empty());
-        std::printf("%2d %-28s %5.1f s %.3f m\n", number, result.end.c_str(), result.duration_s,
-                    result.farthest_m);
-        CHECK(result.farthest_m <= robot.believed.parameters.ident.distance_limit_m);
-    }
+    double farthest_m = 0;
+    for (const std::uint64_t seed : {77, 78})
+        for (int number = 8; number <= 200; number += 8) {
+            DrawnRobot robot = draw_robot(seed, number, RobotFault::no_room);
+            // as much as the coarsest drawn encoder has, on all of them
+            robot.truth.simulation.encoder_noise_rad = 3e-3;
+            const RobotResult result = run_trial(robot, {"", false});
+            CHECK(result.problem.empty());
+            CHECK(result.identified || result.end == "no_room");
+            farthest_m = std::max(farthest_m, result.farthest_m);
+            CHECK(result.farthest_m <= robot.believed.parameters.ident.distance_limit_m);
+        }
+    std::printf("50 robots in rooms of 0.1 m: %.3f m at most\n", farthest_m);
 }
 
 TEST_GROUP(NoisyEncoders){};
@@ -63,7 +66,7 @@ TEST_GROUP(NoisyEncoders){};
 TEST(NoisyEncoders, are_identified_or_have_no_room_for_it) {
     int identified = 0, robots = 0;
     double worst = 0;
-    for (int number = 1; number <= 24; ++number) {
+    for (int number = 1; number <= 12; ++number) {
         DrawnRobot robot = draw_robot(59, number);
         robot.truth.simulation.encoder_noise_rad = 1.7e-3;
         const RobotResult result = run_trial(robot, {"", false});
@@ -73,10 +76,7 @@ TEST(NoisyEncoders, are_identified_or_have_no_room_for_it) {
             ++identified;
             worst = std::max(worst, result.worst_error());
         }
-        std::printf("%2d %-28s %5.1f s K7 %6.3f %% K8 %6.3f %% z %5.2f %5.2f\n", number, result.end.c_str(),
-                    result.duration_s, 100 * result.error(2), 100 * result.error(3), result.z(2),
-                    result.z(3));
-        CHECK(result.end.rfind("refused", 0) != 0);
+        CHECK(result.identified || result.end == "no_room");
     }
     std::printf("%d of %d identified, worst error %.2f %%\n", identified, robots, 100 * worst);
     CHECK(worst <= 0.02);
