@@ -5,7 +5,8 @@
 // that the samples are known to have. Over the band that the rows' averaging lets through, four taps
 // reproduce any further delay of 0 to 6 ms with a lag, and the centroid of their coefficients is the centroid
 // of the torque's response. Both equations are combined by their variances; the standard error knows the
-// residuals' colour.
+// residuals' colour. One more column has the other torque, the difference in y1 and the sum in y2: of wheels
+// that are unlike, and of a centre of gravity beside the middle.
 //
 // Cost: in one cycle of each row about 600 operations with four effect columns. No allocation. Ident mode
 // only.
@@ -61,8 +62,8 @@ class DelayEstimator {
         if (filter_.push(sample)) {
             if (filter_.row().usable) {
                 const auto& row = filter_.row();
-                update(equation_[0], row.omega_squared, row.v_omega, row.acceleration.v_m_per_s2,
-                       [](const WheelPair<Real>& pair) { return pair.sum(); });
+                update(equation_[0], row.omega_squared, row.v_omega, row.acceleration.v_m_per_s2, sum,
+                       difference);
                 turning_pending_ = true;
                 ++rows_;
             } else {
@@ -70,8 +71,8 @@ class DelayEstimator {
             }
         } else if (turning_pending_) {
             const auto& row = filter_.row();
-            update(equation_[1], row.v_omega, row.v_squared, row.acceleration.omega_rad_per_s2,
-                   [](const WheelPair<Real>& pair) { return pair.difference(); });
+            update(equation_[1], row.v_omega, row.v_squared, row.acceleration.omega_rad_per_s2, difference,
+                   sum);
             turning_pending_ = false;
         }
     }
@@ -100,11 +101,11 @@ class DelayEstimator {
             terms.filed[i] = term(equation_[i], 0);
             terms.mirrored[i] = term(equation_[i], 1);
         }
-        const auto sum = [](const Vector& theta) {
+        const auto taps = [](const Vector& theta) {
             return theta[kTap] + theta[kTap + 1] + theta[kTap + 2] + theta[kTap + 3];
         };
-        terms.k7_per_kg_m = sum(equation_[0].rls.theta());
-        terms.k8_per_kg_m2 = sum(equation_[1].rls.theta());
+        terms.k7_per_kg_m = taps(equation_[0].rls.theta());
+        terms.k8_per_kg_m2 = taps(equation_[1].rls.theta());
         return terms;
     }
 
@@ -114,7 +115,8 @@ class DelayEstimator {
     static constexpr double kLongestFurther_s = 0.008;
     static constexpr double kLongestKernel_s = 0.0285;
     static constexpr int kTap = 2;  // the first, behind the velocity product and the mirrored one
-    static constexpr int kFixed = kTap + kTaps;
+    static constexpr int kCrossTorque = kTap + kTaps;
+    static constexpr int kFixed = kCrossTorque + 1;
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr Real kPriorVariance = Real(1e6);
     static constexpr std::uint32_t kEnoughRows = 60;
@@ -129,11 +131,16 @@ class DelayEstimator {
         bool known = false;
     };
 
-    template <typename Combine>
-    void update(Equation& equation, Real velocity_product, Real mirrored_product, Real y, Combine&& combine) {
+    static Real sum(const WheelPair<Real>& pair) { return pair.sum(); }
+    static Real difference(const WheelPair<Real>& pair) { return pair.difference(); }
+
+    template <typename Combine, typename Cross>
+    void update(Equation& equation, Real velocity_product, Real mirrored_product, Real y, Combine&& combine,
+                Cross&& cross) {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         Vector phi{velocity_product, mirrored_product};
         for (std::size_t k = 0; k < kTaps; ++k) phi[kTap + k] = combine(row.torque_Nm[k]);
+        phi[kCrossTorque] = (cross(row.torque_Nm[1]) + cross(row.torque_Nm[2])) / 2;  // in the middle
         for (std::size_t j = 0; j < static_cast<std::size_t>(filter_.columns()); ++j)
             phi[kFixed + j] = combine(row.column[j]);
         equation.errors.push(phi, equation.rls.update(phi, y));

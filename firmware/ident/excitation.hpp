@@ -5,7 +5,8 @@
 //
 // A limit is watched with the velocity that the robot may reach before an override acts: the largest
 // acceleration seen so far times a reaction time. Away from the start the speed outward is limited by the
-// remaining distance, so the robot turns back by itself.
+// remaining distance, so the robot turns back by itself. Where one wheel may go backwards, what looks like
+// turning may be forward motion: the same holds for it and for the mirror image's pose (mirror_test.hpp).
 //
 // Cost: about 80 operations a cycle. No allocation.
 #pragma once
@@ -30,6 +31,7 @@ struct ExcitationOptions {
     Real yaw_rate_limit_rad_per_s{};
     Real distance_limit_m{};
     Real reaction_time_s = Real(0.01);  // measurement, actuation and drive until an override is felt
+    Real half_track_m{};                // for a pose of the mirror image
 };
 
 template <typename Real>
@@ -55,15 +57,28 @@ class Excitation {
         overridden_cycles_ = 0;
     }
 
-    // The wheel torques for this cycle, from the robot's measured pose and velocity.
-    WheelPair<Real> step(const Pose<Real>& pose, const Twist<Real>& velocity) {
+    // From now on.
+    void set_limits(const Twist<Real>& limits) {
+        options_.speed_limit_m_per_s = limits.v_m_per_s;
+        options_.yaw_rate_limit_rad_per_s = limits.omega_rad_per_s;
+    }
+
+    // The wheel torques for this cycle, from the robot's measured pose and velocity; `mirrored`: where its
+    // mirror image would be, if it may be that.
+    WheelPair<Real> step(const Pose<Real>& pose, const Twist<Real>& velocity,
+                         const Pose<Real>* mirrored = nullptr) {
         WheelPair<Real> torque{options_.amplitude_Nm * static_cast<Real>(left_.next()),
                                options_.amplitude_Nm * static_cast<Real>(right_.next())};
         watch_acceleration(velocity);
-        decide_forward(pose, velocity.v_m_per_s);
-        overrides_.yaw_rate =
-            keep_within(turn_, velocity.omega_rad_per_s, -options_.yaw_rate_limit_rad_per_s,
-                        options_.yaw_rate_limit_rad_per_s, peak_.omega_rad_per_s2 * options_.reaction_time_s);
+        const Real t = options_.reaction_time_s;
+        const Kept forward = keep_near(forward_, &pose, velocity.v_m_per_s, options_.speed_limit_m_per_s,
+                                       peak_.v_m_per_s2 * t);
+        const Real h = mirrored != nullptr ? options_.half_track_m : Real(1);
+        const Kept turn = keep_near(turn_, mirrored, h * velocity.omega_rad_per_s,
+                                    h * options_.yaw_rate_limit_rad_per_s, h * peak_.omega_rad_per_s2 * t);
+        overrides_.speed = forward == Kept::by_speed;
+        overrides_.yaw_rate = turn == Kept::by_speed;
+        overrides_.distance = forward == Kept::by_distance || turn == Kept::by_distance;
         const Real a = options_.amplitude_Nm;
         if (forward_ != 0 && turn_ != 0) {
             // one wheel does both: it lies on the side that turns the robot back
@@ -124,19 +139,21 @@ class Excitation {
         return override_sign != 0;
     }
 
-    void decide_forward(const Pose<Real>& pose, Real v) {
-        const Real limit = options_.speed_limit_m_per_s;
-        const Real dx = pose.x_m - start_.x_m;
-        const Real dy = pose.y_m - start_.y_m;
-        const Real distance = std::sqrt(dx * dx + dy * dy);
+    enum class Kept : std::uint8_t { not_at_all, by_speed, by_distance };
+
+    // Keeps the speed along a pose's heading within a limit, and within what the way to the edge allows.
+    Kept keep_near(int& override_sign, const Pose<Real>* pose, Real speed, Real limit, Real reach) const {
         Real low = -limit;
         Real high = limit;
+        const Real dx = pose != nullptr ? pose->x_m - start_.x_m : Real(0);
+        const Real dy = pose != nullptr ? pose->y_m - start_.y_m : Real(0);
+        const Real distance = std::sqrt(dx * dx + dy * dy);
         const Real remaining = kTurnBackShare * options_.distance_limit_m - distance;
         bool near_edge = false;
         if (distance > 0) {
-            // share of forward motion that leads outward
+            // share of the motion that leads outward
             const Real outward =
-                (dx * std::cos(pose.heading_rad) + dy * std::sin(pose.heading_rad)) / distance;
+                (dx * std::cos(pose->heading_rad) + dy * std::sin(pose->heading_rad)) / distance;
             const Real outward_limit = kOutwardGain_per_s * remaining;
             if (std::abs(outward) * limit > std::max(Real(0), outward_limit)) {
                 const Real bound =
@@ -149,9 +166,8 @@ class Excitation {
                 near_edge = true;
             }
         }
-        const bool kept = keep_within(forward_, v, low, high, peak_.v_m_per_s2 * options_.reaction_time_s);
-        overrides_.distance = kept && near_edge;
-        overrides_.speed = kept && !near_edge;
+        if (!keep_within(override_sign, speed, low, high, reach)) return Kept::not_at_all;
+        return near_edge ? Kept::by_distance : Kept::by_speed;
     }
 
     ExcitationOptions<Real> options_{};

@@ -6,6 +6,9 @@
 //       |            |                |
 //       +------------+----------------+-> stopped_by_limit
 //
+// Until an external pose or the mirror test has shown that not one wheel alone goes backwards, limits of
+// speed, yaw rate and distance hold for the robot's mirror image too.
+//
 // cause() names why it ended, in done too: good_enough, or coupling_not_known when time was up with K7 and K8
 // known but K5 and K6 not yet. In done and stopped_by_limit the torque is zero; bringing the robot to rest is
 // the mode's business.
@@ -53,10 +56,15 @@ class IdentificationRun {
         sizing_ = {};
         watch_ = {};
         signs_agree_ = false;
+        signs_known_ = !options.probe;
+        mirrored_ = pose;
+        full_limits_ = limits();
         lowered_ = 0;
+        options_.excitation.half_track_m = half_track_m();
+        confine();
         const double dt = options.excitation.sample_time_s;
         last_cycle_ = static_cast<std::uint32_t>(options.duration_s / dt);
-        excitation_.start(options.excitation, pose, seed);
+        excitation_.start(options_.excitation, pose, seed);
         estimator_.configure(options.estimator);
         if (options.probe) {
             probe_.start(options.probing);
@@ -72,15 +80,18 @@ class IdentificationRun {
                          const ProbeSample& senses = {}) {
         if (finished()) return {};
         ++cycles_;
+        if (!signs_known_) follow_mirrored(velocity);
         if (state_ == IdentState::probing) return step_probe(pose, velocity, senses);
         watch_reports(sample.last_torque_Nm, senses);
         if (finished()) return {};
         if (state_ == IdentState::measuring_delay) {
             delay_estimator_.push(sample);
             ++delay_cycles_;
-            if (delay_cycles_ >= next_look_) look_at_delay();
+            if (delay_cycles_ % kLookAgainCycles == 0 && delay_estimator_.rows() >= kRowsForSigns)
+                look_at_signs(delay_estimator_.coupling_terms());
+            if (!finished() && delay_cycles_ >= next_look_) look_at_delay();
         } else if (estimator_.push(sample)) {
-            signs_agree_ = look_at_signs(estimator_.coupling_terms()) == Mirror::as_filed;
+            if (errors_known()) look_at_signs(estimator_.coupling_terms());
             if (!finished()) look_at_wheels();
             if (!finished() && look_at_gains()) return {};
             if (!finished() && estimator_.estimate().good_enough && !options_.run_full_time)
@@ -88,7 +99,7 @@ class IdentificationRun {
         }
         if (!finished()) check_limits(pose, velocity);
         if (finished()) return {};
-        return excitation_.step(pose, velocity);
+        return excitation_.step(pose, velocity, signs_known_ ? nullptr : &mirrored_);
     }
 
     IdentState state() const { return state_; }
@@ -110,6 +121,9 @@ class IdentificationRun {
 
     // The coupling of forward and turning shows that not one wheel alone goes backwards.
     bool signs_agree() const { return signs_agree_; }
+
+    // That, or an external pose: the file's limits are in force.
+    bool signs_known() const { return signs_known_; }
 
     // Ends it from outside.
     void interrupt() {
@@ -160,6 +174,7 @@ class IdentificationRun {
     WheelPair<Real> step_probe(const Pose<Real>& pose, const Twist<Real>& velocity,
                                const ProbeSample& senses) {
         const WheelPair<double> torque = probe_.step(senses);
+        if (probe_.findings().pose_seen) know_signs();
         check_limits(pose, velocity);
         if (finished()) return {};
         if (probe_.finished()) {
@@ -179,11 +194,13 @@ class IdentificationRun {
             stop(sizing_.obstacle);
             return;
         }
+        full_limits_ = {static_cast<Real>(sizing_.speed_limit_m_per_s),
+                        static_cast<Real>(sizing_.yaw_rate_limit_rad_per_s)};
+        set_limits(full_limits_);
+        confine();
         ExcitationOptions<Real>& excitation = options_.excitation;
         excitation.amplitude_Nm = static_cast<Real>(sizing_.amplitude_Nm);
         excitation.bit_time_s = sizing_.bit_time_s;
-        excitation.speed_limit_m_per_s = static_cast<Real>(sizing_.speed_limit_m_per_s);
-        excitation.yaw_rate_limit_rad_per_s = static_cast<Real>(sizing_.yaw_rate_limit_rad_per_s);
         add_friction(options_.estimator.filter.effects, sizing_.dry_share,
                      static_cast<double>(options_.estimator.relative_standard_error));
         options_.estimator.filter.kernel_s = sizing_.kernel_s;
@@ -213,12 +230,41 @@ class IdentificationRun {
         }
     }
 
+    // Errors from the first rows are no errors.
+    bool errors_known() const {
+        return estimator_.estimate().standard_error.k7_per_kg_m < static_cast<Real>(kUnknownError);
+    }
+
     // Without a look from outside one wrong sign shows in how forward and turning are coupled.
-    Mirror look_at_signs(const CouplingTerms<Real>& terms) {
-        const auto half_track_m = static_cast<Real>(options_.estimator.filter.geometry.track_m / 2);
-        const Mirror seen = judge_mirror(terms, half_track_m);
-        if (seen == Mirror::mirrored && !probe_.findings().pose_seen) stop(IdentCause::one_sign_wrong);
-        return seen;
+    void look_at_signs(const CouplingTerms<Real>& terms) {
+        const Mirror seen = judge_mirror(terms, half_track_m());
+        signs_agree_ = seen == Mirror::as_filed;
+        if (seen == Mirror::mirrored && !probe_.findings().pose_seen) return stop(IdentCause::one_sign_wrong);
+        if (signs_agree_) know_signs();
+    }
+    void know_signs() {
+        if (signs_known_) return;
+        signs_known_ = true;
+        set_limits(full_limits_);
+        excitation_.set_limits(full_limits_);
+    }
+
+    Real half_track_m() const { return static_cast<Real>(options_.estimator.filter.geometry.track_m / 2); }
+    Twist<Real> limits() const {
+        return {options_.excitation.speed_limit_m_per_s, options_.excitation.yaw_rate_limit_rad_per_s};
+    }
+    void set_limits(const Twist<Real>& limits) {
+        options_.excitation.speed_limit_m_per_s = limits.v_m_per_s;
+        options_.excitation.yaw_rate_limit_rad_per_s = limits.omega_rad_per_s;
+    }
+    // To what holds for the mirror image too, while the robot may be that.
+    void confine() {
+        if (!signs_known_) set_limits(within_either(limits(), half_track_m()));
+    }
+    void follow_mirrored(const Twist<Real>& velocity) {
+        const auto dt = static_cast<Real>(options_.excitation.sample_time_s);
+        const Twist<Real> image = mirrored(velocity, half_track_m());
+        mirrored_ = model::advance_along_arc(mirrored_, dt * image.v_m_per_s, dt * image.omega_rad_per_s);
     }
 
     // A lifted wheel that the probe's pushes did not show.
@@ -233,7 +279,7 @@ class IdentificationRun {
         const double x8 = h * estimator_.cross_gains().omega_rad_per_s2;
         const WheelAnswers answers{{k7 + k8 - x7 - x8, k7 + k8 + x7 + x8},
                                    {k7 - k8 + x7 - x8, k7 - k8 - x7 + x8}};
-        const IdentCause lifted = wheel_off_ground(answers, kSureOfWheels * error);
+        const IdentCause lifted = wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error);
         if (lifted != IdentCause::none) stop(lifted);
     }
 
@@ -274,8 +320,6 @@ class IdentificationRun {
     }
 
     void look_at_delay() {
-        look_at_signs(delay_estimator_.coupling_terms());
-        if (finished()) return;
         delay_ = delay_estimator_.estimate();
         const bool sure = delay_.valid && delay_.standard_error_s <= kSureDelay_s;
         if (!sure && delay_cycles_ < last_delay_cycle_) {
@@ -290,6 +334,7 @@ class IdentificationRun {
         state_ = IdentState::estimating;
     }
     static constexpr std::uint32_t kLookAgainCycles = 250;
+    static constexpr std::uint32_t kRowsForSigns = 60;  // errors from fewer are none
 
     void watch_reports(const WheelPair<Real>& told, const ProbeSample& senses) {
         if (!options_.probe || !probe_.findings().reports) return;
@@ -316,9 +361,6 @@ class IdentificationRun {
                e.k8_per_kg_m2 <= share * k.k8_per_kg_m2;
     }
 
-    // With one sign wrong K7 and K8 would be wrong too, and what would tell is known too badly.
-    bool signs_known() const { return !options_.probe || signs_agree_ || probe_.findings().pose_seen; }
-
     bool coupling_still_good() const {
         const Real most = kStillGoodCoupling * options_.estimator.coupling_standard_error_m;
         return estimator_.k5_error_m() <= most && estimator_.k6_error_m() <= most;
@@ -337,13 +379,14 @@ class IdentificationRun {
                 succeed(IdentCause::good_enough);
             } else if (state_ == IdentState::estimating && still_good() && coupling_still_good()) {
                 succeed(IdentCause::good_enough);
-            } else if (state_ == IdentState::estimating && still_good() && signs_known()) {
+            } else if (state_ == IdentState::estimating && still_good() && signs_known_) {
                 succeed(IdentCause::coupling_not_known);
             } else {
                 stop(unexplained() > kTooMuchUnexplained ? IdentCause::model_incomplete
                                                          : IdentCause::time_over);
             }
-        } else if (!(excitation_.distance_m(pose) <= limits.distance_limit_m)) {
+        } else if (!(excitation_.distance_m(pose) <= limits.distance_limit_m) ||
+                   (!signs_known_ && !(excitation_.distance_m(mirrored_) <= limits.distance_limit_m))) {
             stop(lifted_or(probing ? IdentCause::no_room : IdentCause::area_left));
         } else if (!(std::abs(velocity.v_m_per_s) <= options_.overshoot * limits.speed_limit_m_per_s) ||
                    !(std::abs(velocity.omega_rad_per_s) <=
@@ -364,14 +407,15 @@ class IdentificationRun {
     DynamicsEstimator<Real> estimator_;
     DelayEstimate<Real> delay_{};
     Watch watch_{};
-    Pose<Real> start_{};
+    Pose<Real> start_{}, mirrored_{};
+    Twist<Real> full_limits_{};  // once the signs are known
     std::uint32_t seed_ = 0;
     std::uint32_t cycles_ = 0;
     std::uint32_t delay_cycles_ = 0;
     std::uint32_t next_look_ = 0;
     std::uint32_t last_delay_cycle_ = 0;
     std::uint32_t last_cycle_ = 0;
-    bool signs_agree_ = false;
+    bool signs_agree_ = false, signs_known_ = false;
     int lowered_ = 0;
     IdentState state_ = IdentState::done;
     IdentCause cause_ = IdentCause::none;

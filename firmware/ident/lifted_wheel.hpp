@@ -25,20 +25,22 @@ inline protocol::IdentCause runs_free(const WheelPair<double>& motion, double ra
     return motion.right > ratio * motion.left ? IdentCause::right_wheel_off_ground : IdentCause::none;
 }
 
-// `error`: of the answers. Where friction does not cancel in them (pushes so gentle that a wheel hangs in it
-// for part of the time), only runs_free() is sure.
-inline protocol::IdentCause wheel_off_ground(const WheelAnswers& answers, double error,
+// A wheel in the air is alone: nothing that the other one does moves it, nor the other way round. On the
+// ground that is so only by chance, where the yaw inertia is the one that makes it so. What a wheel does
+// alone, and more than the other one by this: between a drive that gives 0.7 of what it should (1.43) and a
+// lifted wheel whose rotor is 0.6 of all that the torque moves (1 / 0.6). A centre of gravity a tenth of the
+// track beside the middle makes 1.5 at most.
+inline constexpr double kAlone = 1.55;
+// Of a wheel's own answer: what the probe's pushes leave of friction; 0.7 % at most on 60 lifted wheels.
+inline constexpr double kPushedApart = 0.01;
+
+// `error`: of the answers. `apart`: an answer to the other wheel that counts as none. Where friction does not
+// cancel in them (pushes so gentle that a wheel hangs in it for part of the time), only runs_free() is sure.
+inline protocol::IdentCause wheel_off_ground(const WheelAnswers& answers, double error, double apart,
                                              bool friction_cancels = true) {
     const auto& [own, other] = answers;
-    const double coupling =
-        std::max(std::abs(other.left), std::abs(other.right)) / std::max(own.left, own.right);
-    // A drive that gives 0.7 of what it should makes 1.43, and a lifted wheel whose rotor is 0.6 of all that
-    // the torque moves 1 / 0.6. A centre of gravity a tenth of the track beside the middle makes up to 1.54
-    // with a coupling below 0.05, and 1.7 with more.
-    double ratio = kRunsFree;
-    if (friction_cancels && coupling < 0.15) ratio = 2.2;
-    if (friction_cancels && coupling < 0.05) ratio = 1.55;
-    return runs_free({own.left + error, own.right + error}, ratio);
+    const bool alone = std::max(std::abs(other.left), std::abs(other.right)) < apart;
+    return runs_free({own.left + error, own.right + error}, friction_cancels && alone ? kAlone : kRunsFree);
 }
 
 }  // namespace wheelwright::ident

@@ -10,6 +10,8 @@
 // a term with v omega too, but omega' none with v^2: the mirror image has to show in both.
 //
 // The estimators have columns for both products. judge_mirror(): about 100 operations, no allocation.
+//
+// Until it is known which of the two moves, limits have to hold for both.
 #pragma once
 
 #include <algorithm>
@@ -17,7 +19,24 @@
 #include <cmath>
 #include <cstdint>
 
+#include "firmware/model/types.hpp"
+
 namespace wheelwright::ident {
+
+// What the mirror image does when the wheels, as filed, say this; up to the sign, which depends on the wheel
+// that goes backwards: with the other one its path lies on the other side of the start, as far away.
+template <typename Real>
+Twist<Real> mirrored(const Twist<Real>& filed, Real half_track_m) {
+    return {half_track_m * filed.omega_rad_per_s, filed.v_m_per_s / half_track_m};
+}
+
+// The largest speed and yaw rate at which neither the robot nor its mirror image is beyond the limits: at the
+// rims the same.
+template <typename Real>
+Twist<Real> within_either(const Twist<Real>& limits, Real half_track_m) {
+    const Real rim = std::min(limits.v_m_per_s, half_track_m * limits.omega_rad_per_s);
+    return {rim, rim / half_track_m};
+}
 
 // What an estimator found, of v' (0) and of omega' (1): K5 and K6, c and d.
 template <typename Real>

@@ -8,7 +8,8 @@
 //   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
-// torque and its opposite friction cancels. No wheel gets faster than kSpeedShare of the speed limit.
+// torque and its opposite friction cancels. No wheel gets faster than kSpeedShare of the speed limit, nor
+// near what the yaw rate limit makes of it at the rims: one wheel may go backwards, and forward be turning.
 //
 // What is wrong with the robot has a name, IdentCause, before anything moves fast.
 //
@@ -23,6 +24,7 @@
 #include <cstdint>
 
 #include "firmware/ident/lifted_wheel.hpp"
+#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/parabola.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/torque_reports.hpp"
@@ -45,6 +47,7 @@ struct ProbeOptions {
     double speed_limit_m_per_s{};
     double yaw_rate_limit_rad_per_s{};
     double distance_limit_m{};
+    double overshoot = 1.3;                      // of a limit at which the run stops
     double pose_noise_m{}, heading_noise_rad{};  // of the external pose
 };
 
@@ -144,12 +147,15 @@ class Probe {
     static constexpr double kLongestPush_s = 1.2;
     static constexpr double kShortestPush_s = 0.03;
     static constexpr double kLongestPause_s = 1.5;
-    static constexpr double kStill_s = 0.25;       // at rest before the next stage; some external poses come
-    static constexpr double kSettle_s = 0.010;     // after a change of torque: delay and lag
-    static constexpr double kSpeedShare = 0.3;     // of the limits
-    static constexpr double kRoomShare = 0.06;     // of the room, for one push
-    static constexpr double kMoved_rad = 0.012;    // two steps of the coarsest encoder, 1000 counts a turn
-    static constexpr double kNoises = 8;           // and of the noise
+    static constexpr double kStill_s = 0.25;     // at rest before the next stage; some external poses come
+    static constexpr double kSettle_s = 0.010;   // after a change of torque: delay and lag
+    static constexpr double kSpeedShare = 0.3;   // of the speed limit
+    static constexpr double kEitherShare = 0.5;  // of what holds in either reading: what a speed that is seen
+                                                 // late goes beyond it is less than as much again
+    static constexpr int kQuickCycles = 3;       // by the noise of a speed, seldom that many in a row
+    static constexpr double kRoomShare = 0.06;   // of the room, for one push
+    static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
+    static constexpr double kNoises = 8;         // and of the noise
     static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
     static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
     static constexpr double kUnclipped = 0.97;     // of what was asked
@@ -158,6 +164,8 @@ class Probe {
     static constexpr double kFitShare = 0.9;       // of a pulse; at its end the wheel may stand
     static constexpr double kShortestFit_s = 0.010;
     static constexpr double kLongestPulse_s = 0.25;
+    static constexpr double kPulseShare = 0.8;       // of the speed that may be reached: K7 is rough
+    static constexpr double kLessTorque = 0.84;      // four such steps are a half
     static constexpr double kPushesRoomShare = 0.2;  // of the room, for all pushes forward
     static constexpr int kFewestPushes = 2;
     static constexpr int kMostPushes = 8;
@@ -169,6 +177,17 @@ class Probe {
     double tried_Nm() const {
         return options_.amplitude_Nm > 0 ? std::min(options_.amplitude_Nm, options_.torque_limit_Nm)
                                          : options_.torque_limit_Nm;
+    }
+
+    // Of the rims, straight on and turning. Until it is known that both wheels go the way that the file says,
+    // the one may be the other.
+    double rim_limit_m_per_s() const {
+        const Twist<double> limits{options_.speed_limit_m_per_s, options_.yaw_rate_limit_rad_per_s};
+        return found_.pose_seen ? limits.v_m_per_s
+                                : within_either(limits, options_.geometry.track_m / 2).v_m_per_s;
+    }
+    double fast_m_per_s() const {
+        return std::min(kSpeedShare * options_.speed_limit_m_per_s, kEitherShare * rim_limit_m_per_s());
     }
 
     void go(Stage stage) {
@@ -183,6 +202,8 @@ class Probe {
         next_ = next;
         go(Stage::pause);
         still_cycles_ = 0;
+        still_at_ = angle_;
+        sides_.forget();
     }
     void end(IdentCause fault) {
         found_.fault = fault;
@@ -273,22 +294,31 @@ class Probe {
     void pause() {
         if (stage_ != Stage::pause) return;
         const WheelPair<double> v = rim_speed();
+        const auto& r = options_.geometry.wheel_radius_m;
+        const double noise_m = std::max(r.left, r.right) * rest_noise_rad_;
         const double slow = 0.02 * options_.speed_limit_m_per_s;
-        const bool still = std::max(std::abs(v.left), std::abs(v.right)) < slow;
-        if (!still) still_cycles_ = 0;
+        // In kStill_s it may go no further than slowly, beyond what noise makes of a place.
+        const double gone = std::max(r.left * std::abs(angle_.left - still_at_.left),
+                                     r.right * std::abs(angle_.right - still_at_.right));
+        if (gone > slow * kStill_s + kNoises * noise_m) {
+            still_at_ = angle_;
+            still_cycles_ = 0;
+            sides_.forget();
+        }
         // a robot that hardly rubs rolls on: stopped by a torque of its own friction, below what would start
         // it
-        if (!still && stage_s() > kStill_s) {
+        const bool rolls = std::max(std::abs(v.left), std::abs(v.right)) >
+                           slow + kSure * noise_m / (kSpeedSpan * options_.sample_time_s);
+        if (rolls && stage_s() > kStill_s) {
             torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
                        -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
         }
-        if (still && still_cycles_ == 0) sides_.forget();
         ++still_cycles_;
         if (still_cycles_ * options_.sample_time_s < kStill_s && stage_s() < kLongestPause_s) return;
         const Stage next = next_;
         if (next == Stage::forward) {
             if (!(found_.breakaway_Nm.left > 0)) return end(IdentCause::left_wheel_does_not_turn);
-            sides_.halt(0, angle_);
+            if (stage_before_ != Stage::forward) sides_.halt(0, angle_);  // all pushes count
         }
         if (next == Stage::turning && stage_before_ == Stage::forward) sides_.halt(1, angle_);
         if (next == Stage::pulses && level_Nm_ == 0) {
@@ -306,7 +336,15 @@ class Probe {
         stage_before_ = next;
         go(next);
         if (next == Stage::pulses) {
-            if (level_Nm_ == 0) level_Nm_ = tried_Nm();
+            if (level_Nm_ == 0) {
+                level_Nm_ = tried_Nm();
+                if (pulse_speed_m_per_s() > options_.overshoot * options_.speed_limit_m_per_s)
+                    return end(IdentCause::no_room);
+                if (!found_.pose_seen) choose_level();
+                found_.torque_limit_Nm = level_Nm_ > 0 ? level_Nm_ : push_Nm_;
+                first_level_Nm_ = level_Nm_;
+                if (level_Nm_ == 0) return end(IdentCause::none);
+            }
             choose_pulse();
         }
     }
@@ -330,10 +368,7 @@ class Probe {
         const double sign_left = turning ? -1 : 1;
         const double speed = (v.right + sign_left * v.left) / 2;
         const double way = std::max(std::abs(m.left * r.left), std::abs(m.right * r.right));
-        const double half_track = options_.geometry.track_m / 2;
-        const double fast = kSpeedShare * (turning ? std::min(options_.yaw_rate_limit_rad_per_s * half_track,
-                                                              options_.speed_limit_m_per_s)
-                                                   : options_.speed_limit_m_per_s);
+        const double fast = fast_m_per_s();
         const double fastest = std::max(std::abs(v.left), std::abs(v.right));
         const double leg_s = ++leg_cycles_ * options_.sample_time_s;
         const double sense = leg_ == 0 ? 1.0 : -1.0;
@@ -344,7 +379,8 @@ class Probe {
             if (leg_s > 2 * kSettle_s) measure_noise();
         }
         if (leg_ == 0) {
-            const bool quick = fastest > fast;
+            quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
+            const bool quick = quick_cycles_ >= kQuickCycles;
             if (gentle_ > kMostHalvings) return end(IdentCause::no_room);
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
                 if (wheel_running_free() != IdentCause::none) return end(wheel_running_free());
@@ -423,8 +459,10 @@ class Probe {
     }
     bool judge_coupling() {
         if (!answers_stand_out()) return false;
-        const IdentCause fault = wheel_off_ground({found_.pushed_m_per_s2_Nm, found_.dragged_m_per_s2_Nm},
-                                                  own_error(), pushed_well_);
+        const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
+        const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
+        const IdentCause fault =
+            wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart, pushed_well_);
         if (fault != IdentCause::none) end(fault);
         return fault != IdentCause::none;
     }
@@ -454,13 +492,29 @@ class Probe {
     // it; and all again. The first pulse of a pair lasts for pulse_s_, the second until friction and torque
     // have stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
     void choose_pulse() {
-        const double friction =
-            std::min(2 * found_.friction_Nm / level_Nm_, kMostFriction);  // at half amplitude
-        const double fast = kSpeedShare * options_.speed_limit_m_per_s;
-        const double wanted_s = fast / (2 * level_Nm_ * found_.k7_per_kg_m);
-        const double shortest_s = (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
+        const double shortest_s = shortest_pulse_s(level_Nm_, found_.friction_Nm);
+        const double wanted_s = fast_m_per_s() / (2 * level_Nm_ * found_.k7_per_kg_m);
         pulse_s_ = std::clamp(wanted_s, shortest_s, std::max(shortest_s, kLongestPulse_s));
         begin_pulse();
+    }
+    static constexpr double shortest_pulse_s(double level_Nm, double friction_Nm) {
+        const double friction = std::min(2 * friction_Nm / level_Nm, kMostFriction);  // at half amplitude
+        return (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
+    }
+    // What the shortest whole pulse gets to.
+    double pulse_speed_m_per_s() const {
+        return 2 * (level_Nm_ - found_.friction_Nm) * found_.k7_per_kg_m *
+               shortest_pulse_s(level_Nm_, found_.friction_Nm);
+    }
+    // As much of the amplitude as gets no faster than either reading allows. If that is less than moves the
+    // robot, nothing beyond the pushes is tried.
+    void choose_level() {
+        while (pulse_speed_m_per_s() > kPulseShare * rim_limit_m_per_s()) {
+            level_Nm_ *= kLessTorque;
+            if (level_Nm_ / 2 > kMovesEnough * found_.friction_Nm) continue;
+            level_Nm_ = 0;
+            return;
+        }
     }
     double pulse_Nm() const { return leg_ / 4 % 2 == 0 ? level_Nm_ : level_Nm_ / 2; }
     void begin_pulse() {
@@ -516,11 +570,11 @@ class Probe {
             if (r.value < kUnclipped && r.value + kSure * r.error < 1) ratio = std::min(ratio, r.value);
             answer += answer_[0][wheel].mean() / 2;
         }
-        if (level_Nm_ == tried_Nm()) first_answer_ = answer;
+        if (level_Nm_ == first_level_Nm_) first_answer_ = answer;
         found_.clipped_by_report = reports_.delivered_share() < kUnclipped;
         if (found_.clipped_by_report) {
             found_.clipped = true;
-            found_.torque_limit_Nm = reports_.delivered_share() * tried_Nm();
+            found_.torque_limit_Nm = reports_.delivered_share() * first_level_Nm_;
         } else if (ratio < 1) {
             found_.clipped = true;
             level_Nm_ /= 2;
@@ -529,7 +583,7 @@ class Probe {
                 return end(IdentCause::torque_not_followed);
             return rest_then(Stage::pulses);
         } else if (found_.clipped) {
-            found_.torque_limit_Nm = tried_Nm() * first_answer_ / answer;
+            found_.torque_limit_Nm = first_level_Nm_ * first_answer_ / answer;
         }
         rest_then(Stage::done);
     }
@@ -561,7 +615,7 @@ class Probe {
     Stage next_ = Stage::done;
     std::uint32_t stage_cycles_ = 0, still_cycles_ = 0, leg_cycles_ = 0, steady_cycles_ = 0;
     std::size_t leg_ = 0;
-    WheelPair<double> torque_, told_before_, angle_, begin_, speed_, report_;
+    WheelPair<double> torque_, told_before_, angle_, begin_, still_at_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
     bool usable_ = false, pushed_well_ = false;
     std::array<WheelPair<double>, kSpeedSpan> ring_{};
@@ -579,9 +633,10 @@ class Probe {
     WheelPair<double> push_begin_;
     std::array<Mean, 2> answered_{};
     Mean rubbed_;
-    int pushes_ = 0, gentle_ = 0;
+    int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
     Stage stage_before_ = Stage::done;
-    double level_Nm_ = 0;      // of the whole pulses
+    double level_Nm_ = 0;  // of the whole pulses
+    double first_level_Nm_ = 0;
     double first_answer_ = 0;  // to those at the torque that was to be tried
     TorqueReports reports_;
     SideWitness sides_;

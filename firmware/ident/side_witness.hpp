@@ -32,10 +32,11 @@ class SideWitness {
     }
 
     void add(const Pose<double>& pose) {
-        if (count_ == 0) first_heading_rad_ = pose.heading_rad;
+        // whole turns count: a wheel that goes backwards makes them of a way straight on
+        heading_rad_ += wrap_angle_rad(pose.heading_rad - heading_rad_);
         sum_.x_m += pose.x_m;
         sum_.y_m += pose.y_m;
-        sum_.heading_rad += wrap_angle_rad(pose.heading_rad - first_heading_rad_);
+        sum_.heading_rad += heading_rad_;
         ++count_;
     }
     // The robot has moved: what came before is of another place.
@@ -50,7 +51,7 @@ class SideWitness {
         halt.angle_rad = angle_rad;
         if (count_ > 0) {
             const double n = count_;
-            halt.pose = {sum_.x_m / n, sum_.y_m / n, first_heading_rad_ + sum_.heading_rad / n};
+            halt.pose = {sum_.x_m / n, sum_.y_m / n, sum_.heading_rad / n};
         }
         forget();
     }
@@ -117,7 +118,7 @@ class SideWitness {
     Way seen(std::size_t from) const {
         const Pose<double>& a = halts_[from].pose;
         const Pose<double>& b = halts_[from + 1].pose;
-        const double turn = wrap_angle_rad(b.heading_rad - a.heading_rad);
+        const double turn = b.heading_rad - a.heading_rad;
         const double along = a.heading_rad + turn / 2;
         return {(b.x_m - a.x_m) * std::cos(along) + (b.y_m - a.y_m) * std::sin(along), turn};
     }
@@ -125,7 +126,7 @@ class SideWitness {
     model::Geometry<double> geometry_;
     double pose_noise_m_ = 0, heading_noise_rad_ = 0;
     Pose<double> sum_;
-    double first_heading_rad_ = 0;
+    double heading_rad_ = 0;  // with whole turns
     std::uint32_t count_ = 0;
     std::array<Halt, 3> halts_{};
     bool confirmed_ = false;

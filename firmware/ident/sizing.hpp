@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <utility>
 
+#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/probe.hpp"
 #include "firmware/model/effects.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
@@ -28,12 +29,12 @@ struct SizingRequest {
 
 struct Sizing {
     protocol::IdentCause obstacle = protocol::IdentCause::none;  // why there can be none
-    double amplitude_Nm{}, bit_time_s{}, kernel_s{}, speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{},
-        coupling_standard_error_m{};
-    double dry_share{};                 // friction over amplitude
-    double standing_speed_rad_per_s{};  // below it a wheel may be held by friction
-    int speed_span{};                   // samples that a speed is taken over; see RegressionFilterOptions
-    int standing_samples{};             // and for longer than this
+    double amplitude_Nm{}, bit_time_s{}, kernel_s{}, coupling_standard_error_m{};
+    double speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{};  // when the wheels' signs are known
+    double dry_share{};                                        // friction over amplitude
+    double standing_speed_rad_per_s{};                         // below it a wheel may be held by friction
+    int speed_span{};        // samples that a speed is taken over; see RegressionFilterOptions
+    int standing_samples{};  // and for longer than this
 };
 
 // The room is crossed from its middle to its edge in about two seconds: time to turn back without hurry.
@@ -81,11 +82,13 @@ inline double kernel_for_bit_s(double bit_time_s, double sample_time_s, double d
     return 1.5 * block * sample_time_s;
 }
 
-// A limit that the measured speed's own noise would cross is none. Taken over 4 ms, the observer's time.
+// A limit that the measured speed's own noise would cross is none. The noise is the observer's, as
+// feedback_linearisation.hpp has it for one wheel, with a bandwidth of 250 rad/s; of the mean of two.
 inline constexpr double kLeastSpeedOverNoise = 10;
 inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& found) {
-    constexpr double kObserver_s = 0.004;
-    return r.radius_m * found.angle_noise_rad / kObserver_s;
+    constexpr double kBandwidth_rad_per_s = 250;
+    return r.radius_m * found.angle_noise_rad * kBandwidth_rad_per_s *
+           std::sqrt(kBandwidth_rad_per_s * r.sample_time_s / 2);
 }
 
 // A wheel whose angle stays within the noise, taken over this span, may stand.
@@ -122,10 +125,9 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     const double k7 = found.k7_per_kg_m;
     const double k8 = found.k8_per_kg_m2;
     const double friction = found.friction_Nm;
-    s.amplitude_Nm = std::min(r.amplitude_Nm > 0 ? r.amplitude_Nm : r.torque_limit_Nm, r.torque_limit_Nm);
-    if (found.clipped)
-        s.amplitude_Nm = std::min(
-            s.amplitude_Nm, (found.clipped_by_report ? kBelowReported : kBelowSeen) * found.torque_limit_Nm);
+    const double arrives = !found.clipped ? 1 : found.clipped_by_report ? kBelowReported : kBelowSeen;
+    s.amplitude_Nm =
+        std::min(r.amplitude_Nm > 0 ? r.amplitude_Nm : r.torque_limit_Nm, arrives * found.torque_limit_Nm);
     if (!(s.amplitude_Nm > kMovesEnough * friction)) {
         s.obstacle = found.clipped ? IdentCause::torque_not_followed : IdentCause::too_heavy;
         return s;
@@ -136,15 +138,17 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
         s.speed_limit_m_per_s =
             std::min(s.speed_limit_m_per_s, std::sqrt(2 * braking * kBrakingShare * r.distance_limit_m));
     s.yaw_rate_limit_rad_per_s = yaw_rate_limit_rad_per_s(r, s.speed_limit_m_per_s);
-    if (s.speed_limit_m_per_s < kLeastSpeedOverNoise * speed_noise_m_per_s(r, found)) {
+    // What follows is laid out for what the run begins with.
+    Twist<double> limits{s.speed_limit_m_per_s, s.yaw_rate_limit_rad_per_s};
+    if (!found.pose_seen) limits = within_either(limits, r.track_m / 2);
+    if (limits.v_m_per_s < kLeastSpeedOverNoise * speed_noise_m_per_s(r, found)) {
         s.obstacle = IdentCause::no_room;
         return s;
     }
 
     s.dry_share = friction / s.amplitude_Nm;
     const auto bit_at = [&](double amplitude) {
-        return kBitShare * std::min(s.speed_limit_m_per_s / k7, s.yaw_rate_limit_rad_per_s / k8) /
-               (2 * amplitude);
+        return kBitShare * std::min(limits.v_m_per_s / k7, limits.omega_rad_per_s / k8) / (2 * amplitude);
     };
     double bit = bit_at(s.amplitude_Nm);
     if (bit < kShortestBit_s && r.amplitude_Nm <= 0) {
@@ -164,7 +168,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     // it, or to a length that no ruler tells.
     constexpr double kCouplingShare = 0.00035;
     constexpr double kCouplingLength = 1.0 / 1600;  // of the track
-    const double omega = s.yaw_rate_limit_rad_per_s;
+    const double omega = limits.omega_rad_per_s;
     s.coupling_standard_error_m = r.coupling_standard_error_m > 0
                                       ? r.coupling_standard_error_m
                                       : std::max(kCouplingLength * r.track_m,

@@ -22,6 +22,8 @@ constexpr int kRefusedTorquesUntilDown = 5;
 // A robot stands when no rim has been faster than this share of safety.clear_speed_m_per_s for so long.
 constexpr double kStandingShare = 0.1;
 constexpr int kStandingCycles = 20;
+constexpr double kSlowGain =
+    1.0 / 50;  // a cycle: what moves on or has stopped is known within a tenth of a second
 // After a request to end: how long the drives may take to confirm that they are idle.
 constexpr int kEndingCycles = 500;
 
@@ -223,7 +225,11 @@ void Cycle::judge_conditions() {
     const auto& radius = control_.plant().geometry.wheel_radius_m;
     const double rim = std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
                                 std::abs(radius.right * motion.wheel_speed_rad_per_s.right));
-    c.moving = rim > safety.clear_speed_m_per_s;
+    // the encoders' noise at rest, which has no mean, is no motion
+    slow_wheels_.left += kSlowGain * (motion.wheel_speed_rad_per_s.left - slow_wheels_.left);
+    slow_wheels_.right += kSlowGain * (motion.wheel_speed_rad_per_s.right - slow_wheels_.right);
+    c.moving = std::max(std::abs(radius.left * slow_wheels_.left),
+                        std::abs(radius.right * slow_wheels_.right)) > safety.clear_speed_m_per_s;
     c.rolling = true;
     if (supervisor_.ramping()) {
         resting_cycles_ = rim > kStandingShare * safety.clear_speed_m_per_s ? 0 : resting_cycles_ + 1;

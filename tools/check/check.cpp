@@ -87,6 +87,11 @@ void report_ident(const task::RobotFile& robot, Report& report) {
                "rad/s",
                given_or(p.ident.yaw_rate_limit_rad_per_s,
                         "auto: wheels as fast as straight on, within limits.yaw_rate_rad_per_s"));
+    const Twist<double> either = ident::within_either(
+        Twist<double>{speed, ident::yaw_rate_limit_rad_per_s(request, speed)}, p.geometry.track_m / 2);
+    report.add("unknown_signs_speed_m_per_s", "until the signs are known", either.v_m_per_s, "m/s",
+               "one wheel may go backwards, and forward be turning: both limits hold all the same");
+    report.add("unknown_signs_yaw_rate_rad_per_s", "", either.omega_rad_per_s, "rad/s");
     const auto left_to_probe = [&](const char* key, const char* label, double value, const char* unit,
                                    const char* from) {
         if (value > 0) return report.add(key, label, value, unit, "given");

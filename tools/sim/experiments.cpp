@@ -77,6 +77,15 @@ IdentificationResult identify(Simulation& sim, const Progress& progress) {
                   [&] {
                       result.farthest_m = std::max(result.farthest_m, distance(sim.world().pose(), start));
                       result.fastest_m_per_s = std::max(result.fastest_m_per_s, fastest_rim_m_per_s(sim));
+                      const Twist<double>& truly = sim.world().twist();
+                      result.fastest.v_m_per_s =
+                          std::max(result.fastest.v_m_per_s, std::abs(truly.v_m_per_s));
+                      result.fastest.omega_rad_per_s =
+                          std::max(result.fastest.omega_rad_per_s, std::abs(truly.omega_rad_per_s));
+                      const auto& run = sim.cycle().learning().run();
+                      if (run.state() == ident::IdentState::probing) result.probe_s = sim.time_s() - begin_s;
+                      if (result.clipped_s == 0 && run.probe().findings().clipped)
+                          result.clipped_s = sim.time_s() - begin_s;
                       if (cycle++ % 100 != 0) return;
                       const auto& estimate = sim.cycle().learning().estimate();
                       result.time_s.push_back(sim.time_s() - begin_s);

@@ -29,6 +29,9 @@ struct IdentificationResult {
     double duration_s = 0;
     double farthest_m = 0;       // from the start, by the truth
     double fastest_m_per_s = 0;  // of a wheel's rim, by the truth
+    Twist<double> fastest;       // the robot's own speed and yaw rate, by the truth, each at its highest
+    double probe_s = 0;          // when the probe was over; the whole duration where it never was
+    double clipped_s = 0;        // when the firmware first said that less torque arrives; 0: never
     double delay_s = 0;
     ident::DynamicsEstimate<double> estimate;
     // For plots, ten a second: estimates and standard errors over time.

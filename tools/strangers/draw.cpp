@@ -26,6 +26,7 @@ class Draw {
         return low * std::pow(high / low, (random_.uniform() + random_.uniform()) / 2);
     }
     double spread(double factor) { return log_uniform(1 / factor, factor); }
+    double normal(double deviation) { return deviation * random_.gaussian(); }
     bool share(double of_all) { return random_.uniform() < of_all; }
     int sign() { return share(0.5) ? 1 : -1; }
 
@@ -187,11 +188,13 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     robot.payload.inertia_kg_m2 = robot.payload.mass_kg * std::pow(track_m * draw.uniform(0.2, 0.5), 2) / 6;
 
     robot.lists_friction = draw.share(0.5);
+    const double cog_left_m = std::clamp(draw.normal(0.05), -0.15, 0.15) * track_m;
 
     // ---- what the builder writes
     const std::int64_t torque_period_ms = robot.torque_feedback ? 10 : 0;
     const double half_track_m = track_m / 2;
-    const double yaw_effective_kg_m2 = yaw_inertia_kg_m2 + mass_kg * cog_ahead_m * cog_ahead_m +
+    const double yaw_effective_kg_m2 = yaw_inertia_kg_m2 +
+                                       mass_kg * std::pow(std::hypot(cog_ahead_m, cog_left_m), 2) +
                                        (effective_kg - mass_kg) * half_track_m * half_track_m;
     const double yaw_peak_rad_per_s2 =
         2 * torque_Nm * (1 - coulomb_share) / radius_m * half_track_m / yaw_effective_kg_m2;
@@ -254,8 +257,11 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         {"drive.generation", generation},
         {"drive.torque_period_ms", torque_period_ms},
         {"mass.mass_kg", mass_kg},
-        {"mass.yaw_inertia_kg_m2", yaw_inertia_kg_m2},
+        // the plant knows of the parallel axis ahead only
+        {"mass.yaw_inertia_kg_m2", yaw_inertia_kg_m2 + mass_kg * cog_left_m * cog_left_m},
         {"mass.cog_ahead_m", cog_ahead_m},
+        // of all that is accelerated, rotors included
+        {"effects.cog_lateral.offset_m", cog_left_m * (1 - robot.rotor_share)},
         {"mass.wheel_inertia_kg_m2", wheel_inertia_kg_m2},
         {"simulation.encoder_counts_per_turn", counts},
         {"simulation.encoder_noise_rad", encoder_noise_rad},

@@ -39,6 +39,9 @@ void identify_robot(Simulation& sim, RobotResult& result) {
     result.duration_s = found.duration_s;
     result.farthest_m = found.farthest_m;
     result.fastest_m_per_s = found.fastest_m_per_s;
+    result.fastest = found.fastest;
+    result.probe_s = found.probe_s;
+    result.clipped_s = found.clipped_s;
     result.delay_s = found.delay_s;
     result.truth = four(seen_truth(result.robot, sim.world().plant().actual()));
     result.estimate = four(found.estimate.dynamics);

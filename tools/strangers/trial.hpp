@@ -60,6 +60,9 @@ struct RobotResult {
     double duration_s = 0;
     double farthest_m = 0;
     double fastest_m_per_s = 0;  // true speed of the quicker wheel's rim
+    Twist<double> fastest;       // true speed and yaw rate, each at its highest
+    double probe_s = 0;          // when the probe was over
+    double clipped_s = 0;        // when the firmware first said that less torque arrives; 0: never
     double delay_s = 0;          // as identified
     FourValues truth{}, estimate{}, standard_error{};
 

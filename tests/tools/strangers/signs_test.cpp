@@ -1,0 +1,83 @@
+// Robots drawn at random whose file has one wheel's direction wrong, and robots in rooms that are too small,
+// through the firmware as it is: judged by the simulated robot's true motion.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+
+#include "tools/strangers/trial.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::tools;
+
+TEST_GROUP(WrongSigns){};
+
+TEST(WrongSigns, without_a_pose_the_real_limits_hold_until_it_is_named) {
+    int named = 0, robots = 0;
+    double fastest = 0, latest_s = 0;
+    for (int number = 1; number <= 30; ++number) {
+        const DrawnRobot robot = draw_robot(57, number, RobotFault::wrong_sign);
+        if (robot.external_pose) continue;
+        const RobotResult result = run_trial(robot, {"", false});
+        const auto& limits = robot.believed.parameters.limits;
+        CHECK(result.problem.empty());
+        CHECK_FALSE(result.identified);
+        CHECK(result.fastest.v_m_per_s <= limits.speed_m_per_s);
+        CHECK(result.fastest.omega_rad_per_s <= limits.yaw_rate_rad_per_s);
+        CHECK(result.farthest_m <= robot.believed.parameters.ident.distance_limit_m);
+        ++robots;
+        if (result.end == "one_sign_wrong") {
+            ++named;
+            latest_s = std::max(latest_s, result.duration_s - result.probe_s);
+        }
+        fastest = std::max({fastest, result.fastest.v_m_per_s / limits.speed_m_per_s,
+                            result.fastest.omega_rad_per_s / limits.yaw_rate_rad_per_s});
+    }
+    std::printf("%d of %d named, at most %.1f s after the probe; at most %.2f of a limit\n", named, robots,
+                latest_s, fastest);
+    CHECK(named >= robots - 1);
+}
+
+TEST_GROUP(SmallRooms){};
+
+// In a small room the pushes are so gentle that noise can make K7 or K8 of any sign. The brakes must not work
+// with that: a robot once went 1.6 m in a room of 0.1 m.
+TEST(SmallRooms, noise_in_the_probe_does_not_make_the_brakes_run_away) {
+    double farthest_m = 0;
+    for (const std::uint64_t seed : {77, 78})
+        for (int number = 8; number <= 200; number += 8) {
+            DrawnRobot robot = draw_robot(seed, number, RobotFault::no_room);
+            // as much as the coarsest drawn encoder has, on all of them
+            robot.truth.simulation.encoder_noise_rad = 3e-3;
+            const RobotResult result = run_trial(robot, {"", false});
+            CHECK(result.problem.empty());
+            CHECK(result.identified || result.end == "no_room");
+            farthest_m = std::max(farthest_m, result.farthest_m);
+            CHECK(result.farthest_m <= robot.believed.parameters.ident.distance_limit_m);
+        }
+    std::printf("50 robots in rooms of 0.1 m: %.3f m at most\n", farthest_m);
+}
+
+TEST_GROUP(NoisyEncoders){};
+
+// White noise of a tenth of a degree on the wheel's angle, worse than any encoder that is drawn with a gear
+// of some size.
+TEST(NoisyEncoders, are_identified_or_have_no_room_for_it) {
+    int identified = 0, robots = 0;
+    double worst = 0;
+    for (int number = 1; number <= 12; ++number) {
+        DrawnRobot robot = draw_robot(59, number);
+        robot.truth.simulation.encoder_noise_rad = 1.7e-3;
+        const RobotResult result = run_trial(robot, {"", false});
+        CHECK(result.problem.empty());
+        ++robots;
+        if (result.identified) {
+            ++identified;
+            worst = std::max(worst, result.worst_error());
+        }
+        CHECK(result.identified || result.end == "no_room");
+    }
+    std::printf("%d of %d identified, worst error %.2f %%\n", identified, robots, 100 * worst);
+    CHECK(worst <= 0.02);
+}
