@@ -49,43 +49,59 @@ bool goes_forward(const std::vector<tools::MeasuredLog>& segments) {
     return forward > turning;
 }
 
-CorpusRobot read_robot(const fs::path& folder, const std::string& name, const Json& entry) {
+CorpusRobot read_robot(const fs::path& folder, const std::string& name, const Json& entry,
+                       tools::LogReading reading) {
     CorpusRobot robot;
     robot.name = name;
     const double radius_m = positive(entry, "wheel_radius_m");
     robot.geometry = {{radius_m, radius_m}, positive(entry, "track_m")};
+    reading.wheel_radius_m = robot.geometry.wheel_radius_m;
+    if (!reading.torque_per_volt_Nm && entry.contains("Nm_per_V"))
+        robot.torque_per_volt_Nm = reading.torque_per_volt_Nm = positive(entry, "Nm_per_V");
     if (!fs::is_directory(folder)) throw std::runtime_error(folder.string() + " is no folder");
     for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
-        if (file.path().extension() != ".csv") continue;
-        robot.runs.push_back(read_run(file.path().string()));
-        robot.runs.back().published = published(entry, robot.runs.back().name);
+        if (file.path().extension() != ".csv" && file.path().extension() != ".json") continue;
+        for (CorpusRun& run : read_runs(file.path().string(), reading)) {
+            run.published = published(entry, run.name);
+            robot.runs.push_back(std::move(run));
+        }
     }
     std::sort(robot.runs.begin(), robot.runs.end(),
               [](const CorpusRun& a, const CorpusRun& b) { return a.name < b.name; });
     if (robot.runs.size() < 2) {
-        throw std::runtime_error(folder.string() + " holds " + std::to_string(robot.runs.size()) +
-                                 " runs (*.csv), expected at least 2: one to hold out, one to learn from");
+        throw std::runtime_error(
+            folder.string() + " holds " + std::to_string(robot.runs.size()) +
+            " runs (*.csv, *.json), expected at least 2: one to hold out, one to learn from");
     }
     return robot;
 }
 
 }  // namespace
 
-CorpusRun read_run(const std::string& path) {
-    CorpusRun run;
-    run.name = fs::path(path).stem().string();
-    run.path = path;
-    tools::SampledLog log = tools::read_sampled_log(path, std::nullopt);
+std::vector<CorpusRun> read_runs(const std::string& path, const tools::LogReading& reading) {
+    tools::SampledLog log = tools::read_sampled_log(path, std::nullopt, reading);
+    std::vector<CorpusRun> runs;
+    const auto begin = [&](const std::string& name) {
+        CorpusRun run;
+        run.name = name.empty() ? fs::path(path).stem().string() : name;
+        run.path = name.empty() ? path : path + ":" + name;
+        runs.push_back(std::move(run));
+    };
     if (!log.problems.empty()) {
-        run.unusable = log.problems.front();
-        return run;
+        begin("");
+        runs.back().unusable = log.problems.front();
+        return runs;
     }
-    run.segments = std::move(log.logs);
-    run.forward = goes_forward(run.segments);
-    return run;
+    for (tools::MeasuredLog& segment : log.logs) {
+        if (runs.empty() || (!segment.run.empty() && runs.back().name != segment.run)) begin(segment.run);
+        runs.back().segments.push_back(std::move(segment));
+    }
+    for (CorpusRun& run : runs) run.forward = goes_forward(run.segments);
+    return runs;
 }
 
-Corpus read_corpus(const std::string& folder, const std::vector<std::string>& only) {
+Corpus read_corpus(const std::string& folder, const std::vector<std::string>& only,
+                   const tools::LogReading& reading) {
     Corpus corpus;
     const std::string list = (fs::path(folder) / "robots.json").string();
     std::ifstream file(list);
@@ -110,8 +126,8 @@ Corpus read_corpus(const std::string& folder, const std::vector<std::string>& on
     for (const auto& [name, entry] : robots.items()) {
         if (!only.empty() && std::find(only.begin(), only.end(), name) == only.end()) continue;
         try {
-            corpus.robots.push_back(read_robot(fs::path(folder) / name, name, entry));
-        } catch (const std::runtime_error& error) {
+            corpus.robots.push_back(read_robot(fs::path(folder) / name, name, entry, reading));
+        } catch (const std::exception& error) {
             corpus.problems.push_back(list + ": " + name + ": " + error.what());
         }
     }

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "firmware/model/dynamics.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::bench {
 

@@ -13,6 +13,7 @@
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
+#include "tools/cli/log_options.hpp"
 #include "tools/cli/run_program.hpp"
 #include "tools/gap_bench/bench_report.hpp"
 #include "tools/gap_bench/splits.hpp"
@@ -27,6 +28,7 @@ struct Options {
     std::vector<std::string> robots;
     std::vector<double> split;
     GeometryOptions geometry;
+    LogOptions reading;
     std::string analyser, out, json;
     std::size_t jobs = 1;
 };
@@ -60,31 +62,44 @@ int finish(const Report& report, const std::vector<bench::Aim>& aims, const std:
     return bench::all_reached(aims) ? kDone : kAimMissed;
 }
 
-int one_log(const Options& options, const bench::BenchOptions& settings, const bench::Progress& progress) {
+int one_log(const Options& options, LogReading reading, const bench::BenchOptions& settings,
+            const bench::Progress& progress) {
     model::Geometry<double> geometry;
     if (!options.geometry.apply(geometry, false)) {
         std::fprintf(stderr, "wheelwright gap-bench: one log needs --wheel-radius and --track in metres\n");
         return kUsage;
     }
-    const bench::CorpusRun run = bench::read_run(options.input);
-    if (!run.unusable.empty()) return bad_input({run.unusable});
-    const auto splits = bench::split_one_log(run, geometry, options.split, settings, progress);
+    reading.wheel_radius_m = geometry.wheel_radius_m;
+    const std::vector<bench::CorpusRun> runs = bench::read_runs(options.input, reading);
+    if (!runs.front().unusable.empty()) return bad_input({runs.front().unusable});
+    if (runs.size() > 1) {
+        return bad_input({options.input + ": holds " + std::to_string(runs.size()) +
+                          " runs, expected one: name it, as in " + runs.front().path});
+    }
+    const auto splits = bench::split_one_log(runs.front(), geometry, options.split, settings, progress);
     return finish(bench::one_log_report(splits), bench::one_log_aims(splits), options.json);
 }
 
-int robots(const Options& options, const bench::BenchOptions& settings, const bench::Progress& progress) {
-    const bench::Corpus corpus = bench::read_corpus(options.input, options.robots);
+int robots(const Options& options, const LogReading& reading, const bench::BenchOptions& settings,
+           const bench::Progress& progress) {
+    const bench::Corpus corpus = bench::read_corpus(options.input, options.robots, reading);
     if (!corpus.problems.empty()) return bad_input(corpus.problems);
     const auto splits = bench::leave_one_run_out(corpus, settings, progress);
     return finish(bench::corpus_report(splits), bench::corpus_aims(splits), options.json);
 }
 
 int gap_bench(const Options& options) {
+    LogReading reading;
+    if (const std::string wrong = options.reading.apply(reading); !wrong.empty()) {
+        std::fprintf(stderr, "wheelwright gap-bench: %s\n", wrong.c_str());
+        return kUsage;
+    }
     try {
         const Scratch scratch;
         bench::BenchOptions settings;
         settings.program = options.analyser.empty() ? own_path() : options.analyser;
         settings.jobs = options.jobs;
+        settings.reading = options.reading.words();
         settings.out = options.out.empty() ? scratch.path() : options.out;
         if (!run_program({settings.program, "gap", "--help"}, "/dev/null", 60).well()) {
             std::fprintf(stderr, "wheelwright gap-bench: %s gap --help does not end well\n",
@@ -93,8 +108,8 @@ int gap_bench(const Options& options) {
         }
         ProgressLine line;
         const bench::Progress progress = [&](const CampaignProgress& now) { line(now); };
-        return fs::is_directory(options.input) ? robots(options, settings, progress)
-                                               : one_log(options, settings, progress);
+        return fs::is_directory(options.input) ? robots(options, reading, settings, progress)
+                                               : one_log(options, reading, settings, progress);
     } catch (const std::runtime_error& error) {
         std::fprintf(stderr, "wheelwright gap-bench: %s\n", error.what());
         return kMachineLacks;
@@ -123,6 +138,7 @@ void add_gap_bench(const CommandLine& program, Run& run) {
         .delimiter(',')
         .check(from_to("1", "99"));
     options->geometry.add_to(command);
+    options->reading.add_to(command);
     command.add_option("--analyser", options->analyser,
                        "Another build's wheelwright, whose gap is asked instead of this one's");
     command.add_option("--out", options->out,

@@ -121,6 +121,10 @@ Task leave_out(const CorpusRobot& robot, const CorpusRun& held_out, const BenchO
     task.held_out = pieces_of(held_out);
     task.question = question_of(options, robot.geometry, robot.name, held_out.name);
     task.question.held_out = {"--heldout", held_out.path};
+    if (robot.torque_per_volt_Nm) {
+        task.question.reading.emplace_back("--torque-per-volt");
+        task.question.reading.push_back(task::shortest_number(*robot.torque_per_volt_Nm));
+    }
     for (const CorpusRun& run : robot.runs) {
         if (&run == &held_out || !run.forward) continue;
         const std::vector<Piece> pieces = pieces_of(run);
