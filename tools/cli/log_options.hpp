@@ -17,6 +17,7 @@ struct LogOptions {
     std::string motor;
     double gear_ratio = 0;
     int motors_per_side = 1;
+    std::string position_unit;
     bool reported_speeds = false;
 
     void add_to(const CommandLine& command) {
@@ -39,6 +40,10 @@ struct LogOptions {
             .add_option("--torque-per-ampere", torque_per_ampere_Nm,
                         "Where a log has currents: 1 A is so many Nm at the wheel")
             .check(greater_than_zero());
+        command
+            .add_option("--position-unit", position_unit,
+                        "Of a SysId file that does not say: rot of the wheel, m, ft, in (default: m)")
+            .check(one_of({"rot", "m", "ft", "in"}));
         command.add_flag(
             "--reported-speeds", reported_speeds,
             "Of a SysId file, take the speeds that the motor controllers report, which come late, "
@@ -61,6 +66,7 @@ struct LogOptions {
             add("--motors-per-side", std::to_string(motors_per_side));
         }
         if (torque_per_ampere_Nm > 0) add("--torque-per-ampere", number_text(torque_per_ampere_Nm, 17));
+        if (!position_unit.empty()) add("--position-unit", position_unit);
         if (reported_speeds) words.emplace_back("--reported-speeds");
         return words;
     }
@@ -84,6 +90,7 @@ struct LogOptions {
             reading.torque_per_volt_Nm = *one * gear_ratio * motors_per_side;
         }
         if (torque_per_ampere_Nm > 0) reading.torque_per_ampere_Nm = torque_per_ampere_Nm;
+        reading.position_unit = position_unit;
         reading.reported_speeds = reported_speeds;
         return "";
     }

@@ -48,6 +48,7 @@ struct LogReading {
     std::vector<ColumnMapping> columns;
     std::optional<double> torque_per_volt_Nm, torque_per_ampere_Nm;  // at the wheel
     WheelPair<double> wheel_radius_m;  // for what is measured along the ground; 0: not known
+    std::string position_unit;         // of a SysId file that does not say; "": metres
     bool reported_speeds = false;      // of a SysId file, instead of speeds from its positions
 };
 

@@ -136,7 +136,7 @@ class Segmenter {
             lateness(std::max(begin, i + 1 - std::min(i + 1, kWitnesses)), i + 1);
         const std::vector<double> after = lateness(i + 1, std::min(i + 1 + kWitnesses, part.size()));
         // what follows may have gaps of its own, so that most of it is later still
-        const double then = after[std::min<std::size_t>(1, after.size() - 1)];
+        const double then = after[after.size() < 3 ? 0 : 1];
         return std::round((then - before[before.size() / 2]) / usual_step_s_);
     }
 

@@ -133,8 +133,10 @@ class SysIdReader {
         const Json units = file.value("units", Json());
         const Json per_rotation = file.value("unitsPerRotation", Json());
         if (units.is_null() && per_rotation.is_null()) {
-            logs_.note(0, "assumed: positions are metres along the ground, as the file does not say");
-            set_unit("m");
+            const std::string unit = reading_.position_unit.empty() ? "m" : reading_.position_unit;
+            logs_.note(0, "assumed: positions are in " + unit +
+                              ", as the file does not say; --position-unit says otherwise");
+            set_unit(unit);
             return;
         }
         if (!units.is_string() || !per_rotation.is_number() || !(per_rotation.get<double>() > 0)) {
