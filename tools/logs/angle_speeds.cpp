@@ -19,7 +19,7 @@ using Value = std::function<double(const RawSample&)>;
 
 // Samples from one fresh value to the next while it moves fast: of the intervals between changes the short
 // ones.
-std::size_t refreshed_every(const std::vector<RawSample>& samples, const Value& value) {
+std::size_t samples_between_changes(const std::vector<RawSample>& samples, const Value& value) {
     std::vector<std::size_t> intervals;
     std::size_t last = 0;
     for (std::size_t i = 1; i < samples.size(); ++i) {
@@ -79,15 +79,21 @@ class Slopes {
     double reach_s_;
 };
 
+double left_of(const RawSample& s) { return s.wheel.left; }
+double right_of(const RawSample& s) { return s.wheel.right; }
+
 }  // namespace
+
+std::size_t refreshed_every(const RawLog& raw) {
+    return std::max(samples_between_changes(raw.samples, left_of),
+                    samples_between_changes(raw.samples, right_of));
+}
 
 MeasuredLog speeds_from_angles(const RawLog& raw, double period_s) {
     const std::vector<RawSample>& samples = raw.samples;
-    const Value left = [](const RawSample& s) { return s.wheel.left; };
-    const Value right = [](const RawSample& s) { return s.wheel.right; };
-    const std::size_t every = std::max(refreshed_every(samples, left), refreshed_every(samples, right));
-    const Slopes of_left(samples, left, every, period_s);
-    const Slopes of_right(samples, right, every, period_s);
+    const std::size_t every = raw.refreshed_every > 0 ? raw.refreshed_every : refreshed_every(raw);
+    const Slopes of_left(samples, left_of, every, period_s);
+    const Slopes of_right(samples, right_of, every, period_s);
     const Slopes of_gyro(
         samples, [](const RawSample& s) { return s.gyro; }, every, period_s);
     MeasuredLog log;

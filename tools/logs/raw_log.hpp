@@ -26,7 +26,11 @@ struct RawLog {
     bool has_gyro = false;
     bool gyro_is_angle = false;
     bool has_accel = false;
+    std::size_t refreshed_every = 0;  // samples from one fresh angle to the next; 0: as the samples show
 };
+
+// As the samples show.
+std::size_t refreshed_every(const RawLog& raw);
 
 // Adds the run's segments to `logs`, and what was done to it to the notes.
 //   Rows out of order are put in order, repeated ones are left out, and one that is missing is put between

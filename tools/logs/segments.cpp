@@ -199,6 +199,7 @@ class Segmenter {
             return;
         }
         const double period_s = duration_s_ / steps_;
+        if (raw_.angles && raw_.refreshed_every == 0) raw_.refreshed_every = refreshed_every(raw_);
         for (Samples& segment : segments_) add(std::move(segment), period_s);
     }
 

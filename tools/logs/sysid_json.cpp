@@ -68,8 +68,14 @@ class SysIdReader {
         if (good()) find_signs();
         if (!good()) return std::move(logs_);
         logs_.note(0, volts_assumption(*reading_.torque_per_volt_Nm));
-        for (const Run& run : runs_) {
-            if (run_.empty() || run_ == run.test->key) add(run);
+        std::vector<RawLog> raws;
+        for (const Run& run : runs_) raws.push_back(raw_log(run));
+        // the fast tests show best how often an angle is refreshed, and it is the same in all
+        std::size_t every = SIZE_MAX;
+        for (const RawLog& raw : raws) every = std::min(every, refreshed_every(raw));
+        for (std::size_t i = 0; i < raws.size(); ++i) {
+            raws[i].refreshed_every = every;
+            if (run_.empty() || run_ == runs_[i].test->key) add_segments(std::move(raws[i]), logs_);
         }
         return std::move(logs_);
     }
@@ -229,7 +235,7 @@ class SysIdReader {
         }
     }
 
-    void add(const Run& run) {
+    RawLog raw_log(const Run& run) const {
         const Layout& l = *layout_;
         RawLog raw;
         raw.run = run.test->key;
@@ -260,7 +266,7 @@ class SysIdReader {
             sample.line = r + 1;
             raw.samples.push_back(sample);
         }
-        add_segments(std::move(raw), logs_);
+        return raw;
     }
 
     const LogReading& reading_;
