@@ -156,6 +156,18 @@ TEST(MeasuredCsv, ARowThatIsMissingIsPutBetweenItsNeighbours) {
     DOUBLES_EQUAL(0.01, log.period_s, 1e-12);
 }
 
+TEST(MeasuredCsv, AsAreMoreForTenMilliseconds) {
+    std::vector<std::string> lines = lines_of(100, 1000);
+    lines.erase(lines.begin() + 40, lines.begin() + 50);
+    const tools::MeasuredLogs filled = read(lines);
+    expect_note(filled, 41, "up to 10 rows are missing 1 time");
+    LONGS_EQUAL(100, filled.segments.front().samples.size());
+    for (std::size_t i = 0; i < 100; ++i)
+        DOUBLES_EQUAL(static_cast<double>(i), filled.segments.front().samples[i].speed_rad_per_s.left, 1e-9);
+    lines.erase(lines.begin() + 40);
+    LONGS_EQUAL(2, read(lines).segments.size());
+}
+
 TEST(MeasuredCsv, EmptyAndNanCellsAreMissingRows) {
     std::vector<std::string> lines = lines_of(60, 100);
     lines[10] = "0.09,0.5,nan,9,1";

@@ -1,8 +1,7 @@
 // `wheelwright gap-bench`: what `wheelwright gap` is worth on measured logs, beside simpler methods.
-#include <stdlib.h>
-
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <stdexcept>

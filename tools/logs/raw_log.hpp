@@ -33,10 +33,10 @@ struct RawLog {
 std::size_t refreshed_every(const RawLog& raw);
 
 // Adds the run's segments to `logs`, and what was done to it to the notes.
-//   Rows out of order are put in order, repeated ones are left out, and one that is missing is put between
-//   its neighbours. Where more are missing, or time starts anew, the run is cut. Time stamps that jitter are
-//   taken for even: what a row dropped does to all later stamps, a late stamp does to one. Angles become
-//   speeds (speeds_from_angles).
+//   Rows out of order are put in order and repeated ones are left out. One that is missing, or more for up to
+//   10 ms, are put between their neighbours; where rows are missing for longer, or time starts anew, the run
+//   is cut. Time stamps that jitter are taken for even: what a dropped row does to all later stamps, a late
+//   stamp does to itself. Angles become speeds (speeds_from_angles).
 void add_segments(RawLog raw, MeasuredLogs& logs);
 
 // Speeds as slopes of local parabolas through the angles, nothing late. Where an angle is refreshed less

@@ -19,6 +19,9 @@ constexpr double kRateTolerance = 0.01;
 constexpr double kStepTolerance = 0.5;
 // Time that goes back by more steps than this has started anew; by less, rows are out of order.
 constexpr double kReordered_steps = 10;
+// One row that is missing is put between its neighbours, and more of them for so long: a robot's speed
+// settles in a tenth of a second and more.
+constexpr double kFilled_s = 0.01;
 // Stamps on either side of a step that say whether it lasts.
 constexpr std::size_t kWitnesses = 5;
 
@@ -48,14 +51,15 @@ struct Happened {
     }
 };
 
-RawSample between(const RawSample& a, const RawSample& b) {
-    const auto mean = [](double x, double y) { return (x + y) / 2; };
+// From a to b, a share of the way.
+RawSample between(const RawSample& a, const RawSample& b, double share) {
+    const auto at = [&](double x, double y) { return x + share * (y - x); };
     RawSample m;
-    m.t_s = mean(a.t_s, b.t_s);
-    m.torque_Nm = {mean(a.torque_Nm.left, b.torque_Nm.left), mean(a.torque_Nm.right, b.torque_Nm.right)};
-    m.wheel = {mean(a.wheel.left, b.wheel.left), mean(a.wheel.right, b.wheel.right)};
-    m.gyro = mean(a.gyro, b.gyro);
-    m.accel_m_per_s2 = mean(a.accel_m_per_s2, b.accel_m_per_s2);
+    m.t_s = at(a.t_s, b.t_s);
+    m.torque_Nm = {at(a.torque_Nm.left, b.torque_Nm.left), at(a.torque_Nm.right, b.torque_Nm.right)};
+    m.wheel = {at(a.wheel.left, b.wheel.left), at(a.wheel.right, b.wheel.right)};
+    m.gyro = at(a.gyro, b.gyro);
+    m.accel_m_per_s2 = at(a.accel_m_per_s2, b.accel_m_per_s2);
     return m;
 }
 
@@ -153,9 +157,11 @@ class Segmenter {
             if (missing < 1) {
                 jitter_.at(part[i + 1].line);
                 worst_jitter_s_ = std::max(worst_jitter_s_, std::abs(step_s - usual_step_s_));
-            } else if (missing == 1) {
+            } else if (missing == 1 || missing * usual_step_s_ <= kFilled_s * (1 + kRateTolerance)) {
                 filled_.at(part[i + 1].line);
-                segment.push_back(between(part[i], part[i + 1]));
+                most_filled_ = std::max(most_filled_, missing);
+                for (double n = 1; n <= missing; ++n)
+                    segment.push_back(between(part[i], part[i + 1], n / (missing + 1)));
             } else {
                 cut_.at(part[i + 1].line);
                 longest_gap_s_ = std::max(longest_gap_s_, step_s);
@@ -184,8 +190,10 @@ class Segmenter {
         note(reordered_, "rows are out of order " + times(reordered_) + ", here first: put in order");
         note(repeated_,
              "a time stamp is repeated " + times(repeated_) + ", here first: the later row is left out");
-        note(filled_,
-             "one row is missing " + times(filled_) + ", before this one first: put between its neighbours");
+        note(filled_, (most_filled_ == 1 ? std::string("one row is")
+                                         : "up to " + number_text(most_filled_) + " rows are") +
+                          " missing " + times(filled_) +
+                          ", before this one first: put between their neighbours");
         note(cut_, "rows are missing " + times(cut_) + ", before this one first, for up to " +
                        seconds(longest_gap_s_) + ": the log is cut there");
         note(too_short_, "pieces of less than " + std::to_string(kFewestSamples) + " samples are left out " +
@@ -228,7 +236,7 @@ class Segmenter {
     std::vector<Samples> segments_;
     double duration_s_ = 0, steps_ = 0;  // of all segments
     Happened restarted_, reordered_, repeated_, filled_, cut_, too_short_, jitter_;
-    double longest_gap_s_ = 0, worst_jitter_s_ = 0;
+    double longest_gap_s_ = 0, worst_jitter_s_ = 0, most_filled_ = 0;
 };
 
 }  // namespace
