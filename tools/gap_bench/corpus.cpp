@@ -56,11 +56,13 @@ CorpusRobot read_robot(const fs::path& folder, const std::string& name, const Js
     const double radius_m = positive(entry, "wheel_radius_m");
     robot.geometry = {{radius_m, radius_m}, positive(entry, "track_m")};
     reading.wheel_radius_m = robot.geometry.wheel_radius_m;
-    if (!reading.torque_per_volt_Nm && entry.contains("Nm_per_V"))
-        robot.torque_per_volt_Nm = reading.torque_per_volt_Nm = positive(entry, "Nm_per_V");
+    const bool stated = reading.torque_per_volt_Nm.has_value();
+    if (!stated && entry.contains("Nm_per_V")) reading.torque_per_volt_Nm = positive(entry, "Nm_per_V");
     if (!fs::is_directory(folder)) throw std::runtime_error(folder.string() + " is no folder");
     for (const fs::directory_entry& file : fs::directory_iterator(folder)) {
-        if (file.path().extension() != ".csv" && file.path().extension() != ".json") continue;
+        const bool sysid = file.path().extension() == ".json";
+        if (file.path().extension() != ".csv" && !sysid) continue;
+        if (sysid && !stated) robot.torque_per_volt_Nm = reading.torque_per_volt_Nm;
         for (CorpusRun& run : read_runs(file.path().string(), reading)) {
             run.published = published(entry, run.name);
             robot.runs.push_back(std::move(run));

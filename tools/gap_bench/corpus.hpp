@@ -34,8 +34,8 @@ struct CorpusRun {
 struct CorpusRobot {
     std::string name;
     model::Geometry<double> geometry;
-    std::optional<double> torque_per_volt_Nm;
-    std::vector<CorpusRun> runs;  // by name
+    std::optional<double> torque_per_volt_Nm;  // where runs are in volts, and robots.json says it
+    std::vector<CorpusRun> runs;               // by name
 };
 
 struct Corpus {

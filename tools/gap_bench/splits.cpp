@@ -15,6 +15,8 @@
 namespace wheelwright::bench {
 namespace {
 
+constexpr double kOneRate = 0.02;  // by which steps of one robot's runs may differ
+
 // Everything that a split needs; the pieces point into the corpus.
 struct Task {
     Split split;
@@ -133,6 +135,14 @@ Task leave_out(const CorpusRobot& robot, const CorpusRun& held_out, const BenchO
     }
     if (task.split.unusable.empty() && task.training.empty())
         task.split.unusable = "no other run of " + robot.name + " can be learned from";
+    for (const Piece& piece : task.training) {
+        const double period_s = task.split.unusable.empty() ? task.held_out.front().log->period_s : 0;
+        if (period_s > 0 && std::abs(piece.log->period_s - period_s) > kOneRate * period_s) {
+            task.split.unusable = "runs are sampled every " + tools::number_text(period_s) + " and every " +
+                                  tools::number_text(piece.log->period_s) +
+                                  " s; one step to the next is one law at one rate only";
+        }
+    }
     return task;
 }
 
