@@ -35,6 +35,7 @@ void add_ctl(const CommandLine& program, Run& run);
 void add_demo(const CommandLine& program, Run& run);
 void add_excite(const CommandLine& program, Run& run);
 void add_gap(const CommandLine& program, Run& run);
+void add_gap_bench(const CommandLine& program, Run& run);
 void add_gap_trials(const CommandLine& program, Run& run);
 void add_ident(const CommandLine& program, Run& run);
 void add_monitor(const CommandLine& program, Run& run);

@@ -6,7 +6,7 @@
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
 

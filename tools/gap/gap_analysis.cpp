@@ -110,7 +110,7 @@ Findings analyse(const Request& request) {
 
     // the logs, before any model
     if (!request.without.empty()) findings.notes.push_back(words_of_left_out(request));
-    const Logs logs = read_logs(files_of(request), request.robot);
+    const Logs logs = read_logs(files_of(request), request.robot, request.reading);
     findings.notes.insert(findings.notes.end(), logs.notes.begin(), logs.notes.end());
     findings.faults = logs.faults;
     findings.problems = logs.problems;

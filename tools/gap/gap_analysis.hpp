@@ -13,11 +13,13 @@
 #include "tools/gap/gap_heldout.hpp"
 #include "tools/gap/gap_search.hpp"
 #include "tools/gap/gap_sensors.hpp"
+#include "tools/logs/log_reading.hpp"
 
 namespace wheelwright::gap {
 
 struct Request {
-    std::vector<std::string> logs;         // CSV, or candump of the drives' bus (then `robot` is needed)
+    std::vector<std::string> logs;         // measured, or candump of the drives' bus (then `robot` is needed)
+    tools::LogReading reading;             // of measured logs
     std::string heldout_log;               // or
     std::optional<double> heldout_from_s;  // of the last log; else the last fifth of it
     model::Geometry<double> geometry;

@@ -12,6 +12,7 @@
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
+#include "tools/cli/log_options.hpp"
 #include "tools/gap/gap_output.hpp"
 #include "tools/gap/write_parameters.hpp"
 #include "tools/logs/candump.hpp"
@@ -21,6 +22,7 @@ namespace {
 
 struct Options {
     GeometryOptions geometry;
+    LogOptions reading;
     std::vector<std::string> logs;
     std::vector<std::string> without;
     std::string model, heldout, out, plant, interface;
@@ -109,6 +111,9 @@ int gap(const Options& options) {
         }
     }
     if (!options.geometry.apply(request.geometry, !options.model.empty())) return usage(kGeometryMissing);
+    const std::string wrong_reading = options.reading.apply(request.reading);
+    if (!wrong_reading.empty()) return usage(wrong_reading);
+    request.reading.wheel_radius_m = request.geometry.wheel_radius_m;
     const std::string kept = leave_out(options.without, request);
     if (!kept.empty()) return usage(kept);
     std::error_code failed;
@@ -154,15 +159,17 @@ void add_gap(const CommandLine& program, Run& run) {
                                                        "Find what the model lacks: where "
                                                        "simulation and measurement part, and why");
     command.footer(
-        "LOG is a candump -L log of the bus with the drives (then --model is needed), or a CSV with the "
+        "LOG is a candump -L log of the bus with the drives (then --model is needed), a CSV with the "
         "columns\n"
-        "t_s, tau_left_Nm, tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] at 20 Hz to 2 "
-        "kHz.\n"
+        "t_s, tau_left_Nm, tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] or others "
+        "(--columns)\n"
+        "at 20 Hz to 2 kHz, or a file of WPILib SysId, whole or as FILE.json:TEST (docs/logs.md).\n"
         "Several logs are one experiment. Without --heldout the last fifth of the last log is held out.\n"
         "Exit status 0: there is a verdict; 2: a log cannot be used.");
     command.add_option("LOG", options->logs, "Logs").required();
     command.add_option("--model", options->model, "Robot file: geometry, K5..K8 and effects as believed");
     options->geometry.add_to(command);
+    options->reading.add_to(command);
     command
         .add_option("--without", options->without,
                     "Effects known not to be there, by name, with commas between: not looked for")

@@ -9,7 +9,7 @@
 
 #include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_rows.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
 

@@ -10,7 +10,7 @@
 
 #include "tools/gap/gap_search.hpp"
 #include "tools/gap/gap_sensors.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
 

@@ -76,10 +76,11 @@ double held_out_from_s(const Logs& logs, const HeldOutPart& held_out) {
 
 }  // namespace
 
-Logs read_logs(const std::vector<std::string>& paths, const std::optional<model::RobotParameters>& robot) {
+Logs read_logs(const std::vector<std::string>& paths, const std::optional<model::RobotParameters>& robot,
+               const tools::LogReading& reading) {
     Logs all;
     for (const std::string& path : paths) {
-        tools::SampledLog read = tools::read_sampled_log(path, robot);
+        tools::SampledLog read = tools::read_sampled_log(path, robot, reading);
         all.problems.insert(all.problems.end(), read.problems.begin(), read.problems.end());
         all.notes.insert(all.notes.end(), read.notes.begin(), read.notes.end());
         all.last_file = all.logs.size();

@@ -11,7 +11,8 @@
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/gap/gap_rows.hpp"
 #include "tools/gap/gap_sensors.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/log_reading.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
 
@@ -25,7 +26,8 @@ struct Logs {
     std::vector<std::string> problems;        // set: not to be used
 };
 // A candump log needs the robot.
-Logs read_logs(const std::vector<std::string>& paths, const std::optional<model::RobotParameters>& robot);
+Logs read_logs(const std::vector<std::string>& paths, const std::optional<model::RobotParameters>& robot,
+               const tools::LogReading& reading);
 
 // What all logs together show.
 struct Overview {

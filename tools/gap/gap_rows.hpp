@@ -29,7 +29,7 @@
 
 #include "firmware/model/dynamics.hpp"
 #include "tools/gap/gap_columns.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "firmware/model/effects.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
 

@@ -1,18 +1,12 @@
 #include "tools/gap_trials/campaign.hpp"
 
-#include <fcntl.h>
-#include <spawn.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <cerrno>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
-#include <cstring>
 #include <exception>
 #include <fstream>
 #include <iterator>
@@ -23,12 +17,11 @@
 #include <thread>
 
 #include "firmware/task/write_file.hpp"
+#include "tools/cli/run_program.hpp"
 #include "tools/gap_trials/further.hpp"
 #include "tools/gap_trials/hidden/ode_plant.hpp"
 #include "tools/gap_trials/hidden/oracle.hpp"
 #include "tools/gap_trials/own_plant.hpp"
-
-extern char** environ;
 
 namespace wheelwright::tools {
 namespace {
@@ -65,57 +58,6 @@ void write_log(const fs::path& path, const std::string& text) {
     if (!file) throw std::runtime_error("cannot write " + path.string());
 }
 
-struct Ended {
-    int status = 0;  // as of waitpid
-    bool too_long = false;
-    double seconds = 0;
-    double memory_bytes = 0;
-    std::string problem;  // it did not even start
-};
-
-// Runs a program with its output in a file.
-Ended run_program(const std::vector<std::string>& words, const fs::path& output, double time_limit_s) {
-    Ended ended;
-    posix_spawn_file_actions_t files;
-    ::posix_spawn_file_actions_init(&files);
-    ::posix_spawn_file_actions_addopen(&files, 0, "/dev/null", O_RDONLY, 0);
-    ::posix_spawn_file_actions_addopen(&files, 1, output.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0644);
-    ::posix_spawn_file_actions_adddup2(&files, 1, 2);
-    std::vector<std::string> copies = words;
-    std::vector<char*> arguments;
-    for (std::string& word : copies) arguments.push_back(word.data());
-    arguments.push_back(nullptr);
-    // A group of its own: Ctrl-C shall end the campaign after the trial, not this analysis.
-    posix_spawnattr_t attributes;
-    ::posix_spawnattr_init(&attributes);
-    ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETPGROUP);
-    pid_t child = 0;
-    const auto begin = Clock::now();
-    const int failed =
-        ::posix_spawn(&child, words.front().c_str(), &files, &attributes, arguments.data(), environ);
-    ::posix_spawnattr_destroy(&attributes);
-    ::posix_spawn_file_actions_destroy(&files);
-    if (failed != 0) {
-        ended.problem = "cannot run " + words.front() + ": " + std::strerror(failed);
-        return ended;
-    }
-    rusage used{};
-    for (;;) {
-        const pid_t done = ::wait4(child, &ended.status, WNOHANG, &used);
-        if (done == child) break;
-        if (done < 0 && errno != EINTR) break;
-        if (!ended.too_long && seconds_since(begin) > time_limit_s) {
-            ended.too_long = true;
-            ::kill(child, SIGKILL);
-        }
-        std::this_thread::sleep_for(std::chrono::milliseconds(5));
-    }
-    ended.seconds = static_cast<double>(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
-                    1e-6 * static_cast<double>(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
-    ended.memory_bytes = 1024.0 * static_cast<double>(used.ru_maxrss);
-    return ended;
-}
-
 // `words`: the command, with the logs, without what is told of the robot.
 Finding analyse(const hidden::Trial& trial, std::vector<std::string> words, const fs::path& out,
                 double time_limit_s) {
@@ -126,17 +68,15 @@ Finding analyse(const hidden::Trial& trial, std::vector<std::string> words, cons
           number(trial.robot.track_m), std::string("--out"), out.string()}) {
         words.push_back(word);
     }
-    const Ended ended = run_program(words, out / "output.txt", time_limit_s);
+    const Ended ended = run_program(words, (out / "output.txt").string(), time_limit_s);
     Finding finding;
     finding.verdict = "no_answer";
-    if (!ended.problem.empty()) {
-        finding.problem = ended.problem;
-    } else if (ended.too_long) {
-        finding.problem = "took longer than " + number(time_limit_s) + " s";
-    } else if (const auto json = contents(out / "gap.json")) {
+    const std::string abnormal = ended.abnormal(time_limit_s);
+    const auto json = ended.problem.empty() && !ended.too_long ? contents(out / "gap.json") : std::nullopt;
+    if (json) {
         finding = read_gap_json(*json);
-    } else if (WIFSIGNALED(ended.status)) {
-        finding.problem = "ended by signal " + std::to_string(WTERMSIG(ended.status));
+    } else if (!abnormal.empty()) {
+        finding.problem = abnormal;
     } else {
         finding.problem = "no gap.json; exit status " + std::to_string(WEXITSTATUS(ended.status));
     }
@@ -175,11 +115,7 @@ std::set<std::string> every_nth(const std::vector<hidden::ListedTrial>& trials, 
 
 bool can_analyse(const std::string& analyser) { return ends_well({analyser, "gap", "--help"}); }
 
-bool ends_well(const std::vector<std::string>& words) {
-    const Ended ended = run_program(words, "/dev/null", 60);
-    return ended.problem.empty() && !ended.too_long && WIFEXITED(ended.status) &&
-           WEXITSTATUS(ended.status) == 0;
-}
+bool ends_well(const std::vector<std::string>& words) { return run_program(words, "/dev/null", 60).well(); }
 
 Outcome run_trial(const hidden::ListedTrial& listed, const CampaignOptions& options) {
     for (const char* folder : {"logs", "labels", "results", "analyses"})

@@ -16,6 +16,7 @@
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
+#include "tools/cli/run_program.hpp"
 #include "tools/gap_trials/campaign.hpp"
 #include "tools/gap_trials/stepwise_baseline.hpp"
 #include "tools/gap_trials/trials_report.hpp"
@@ -115,9 +116,8 @@ int run_command(const Options& options) {
     }
     CampaignOptions settings;
     settings.out = fs::absolute(options.out);
-    settings.analyser =
-        options.analyser.empty() ? fs::read_symlink("/proc/self/exe").string() : options.analyser;
-    const std::string self = fs::read_symlink("/proc/self/exe").string();
+    settings.analyser = options.analyser.empty() ? own_path() : options.analyser;
+    const std::string self = own_path();
     if (!options.no_stepwise)
         settings.beside.push_back({std::string(kStepwise), {self, "gap-trials", "--stepwise-bic"}});
     if (!options.pysindy.empty()) {

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tools/gap/gap_fit.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/read_measured.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -179,9 +179,9 @@ class Stepwise {
 
 std::string stepwise_baseline_json(const std::string& log, const model::Geometry<double>& geometry) {
     Json answer{{"verdict", "unusable_log"}, {"effects", Json::array()}};
-    const MeasuredLogResult read = read_measured_csv(log);
-    if (read.log && read.log->samples.size() > 2) {
-        Stepwise search(*read.log, geometry);
+    const MeasuredLogs read = read_measured_log(log);
+    if (!read.segments.empty()) {
+        Stepwise search(read.segments.front(), geometry);
         if (search.run()) {
             answer["effects"] = search.effects();
             answer["verdict"] = answer["effects"].empty() ? "nothing_missing" : "named";

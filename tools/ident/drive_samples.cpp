@@ -7,6 +7,7 @@
 
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/learning.hpp"
+#include "tools/logs/read_measured.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -95,15 +96,17 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
     return made;
 }
 
-SampledLog read_sampled_log(const std::string& path, const std::optional<model::RobotParameters>& robot) {
+SampledLog read_sampled_log(const std::string& path, const std::optional<model::RobotParameters>& robot,
+                            const LogReading& reading) {
     SampledLog read;
     const auto say = [&](std::vector<std::string>& to, const std::vector<LineProblem>& from) {
         for (const LineProblem& line : from) to.push_back(to_text(path, line));
     };
     if (!is_candump(path).value_or(false)) {
-        MeasuredLogResult result = read_measured_csv(path);
-        say(read.problems, result.problems);
-        if (result.log) read.logs.push_back(std::move(*result.log));
+        MeasuredLogs measured = read_measured_log(path, reading);
+        say(read.problems, measured.problems);
+        say(read.notes, measured.notes);
+        if (read.problems.empty()) read.logs = std::move(measured.segments);
         return read;
     }
     if (!robot) {

@@ -14,7 +14,8 @@
 
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/ident/drive_log.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/log_reading.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::tools {
 
@@ -22,13 +23,14 @@ namespace wheelwright::tools {
 // first frame, headings from the first stretch's.
 std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot);
 
-// A log of either form. `logs`: the stretches of a candump log, or the one of a CSV.
+// A log of any form. `logs`: the stretches of a candump log, or the segments of a measured one.
 struct SampledLog {
     std::vector<MeasuredLog> logs;
-    std::vector<std::string> notes;     // "file:line: what was left out, and why"
+    std::vector<std::string> notes;     // "file:line: what was left out, repaired or assumed"
     std::vector<std::string> problems;  // set: unusable
 };
 // A candump log needs the robot: nodes, signs, gears and delays stand in its file.
-SampledLog read_sampled_log(const std::string& path, const std::optional<model::RobotParameters>& robot);
+SampledLog read_sampled_log(const std::string& path, const std::optional<model::RobotParameters>& robot,
+                            const LogReading& reading = {});
 
 }  // namespace wheelwright::tools

@@ -1,4 +1,5 @@
 #include "tools/ident/findings.hpp"
+#include "tools/logs/read_measured.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -61,18 +62,18 @@ Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& 
     Findings failed;
     std::size_t candumps = 0;
     for (const std::string& path : paths) {
-        const std::optional<bool> candump = is_candump(path);
-        if (!candump) {
+        const std::optional<LogForm> form = log_form(path);
+        if (!form) {
             failed.problems.push_back(
                 to_text(path, {0, std::string("cannot open: ") + std::strerror(errno)}));
             continue;
         }
-        candumps += *candump ? 1 : 0;
+        candumps += *form == LogForm::candump ? 1 : 0;
     }
     if (!failed.problems.empty()) return failed;
     if (candumps == paths.size()) return identify_drive_logs(paths, setup);
     if (candumps == 0) return identify_measured_logs(paths, setup);
-    failed.problems.emplace_back("candump logs and CSV logs cannot be one experiment: name one form only");
+    failed.problems.emplace_back("candump logs and others cannot be one experiment: name one form only");
     return failed;
 }
 

@@ -14,6 +14,7 @@
 #include "firmware/model/effects.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/logs/candump.hpp"
+#include "tools/logs/log_reading.hpp"
 
 namespace wheelwright::tools {
 
@@ -21,6 +22,7 @@ struct IdentSetup {
     model::RobotParameters robot;                     // geometry, drives and ident settings
     std::array<bool, model::kEffectCount> effects{};  // to be found; all of model::estimated_effects()
     double relative_standard_error = 0;               // at which K7 and K8 are good enough
+    LogReading reading;                               // of measured logs; the radii are the robot's
 };
 
 struct Estimate {
@@ -49,7 +51,7 @@ struct EffectFigure : Estimate {
 // One log that took part.
 struct LogFacts {
     std::string name;
-    std::string form;  // "candump", "CSV"
+    std::string form;  // "candump", "CSV", "SysId"
     std::string date;  // of the recording, YYYY-MM-DD; "" where the log does not tell
     double duration_s = 0;
     double rate_Hz = 0;

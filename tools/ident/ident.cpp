@@ -9,6 +9,7 @@
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
+#include "tools/cli/log_options.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ident/findings.hpp"
 
@@ -19,6 +20,7 @@ struct Options {
     std::vector<std::string> logs;
     std::string model, write, json;
     GeometryOptions geometry;
+    LogOptions reading;
     std::vector<std::string> effects;
     double relative_standard_error = 0;
 };
@@ -239,6 +241,7 @@ int ident(const Options& options) {
     }
     auto& geometry = setup.robot.geometry;
     if (!options.geometry.apply(geometry, !model_path.empty())) return usage(kGeometryMissing);
+    if (const std::string wrong = options.reading.apply(setup.reading); !wrong.empty()) return usage(wrong);
     if (const std::string wrong = choose_effects(options, setup); !wrong.empty()) return usage(wrong);
     setup.relative_standard_error = options.relative_standard_error > 0
                                         ? options.relative_standard_error
@@ -300,9 +303,10 @@ void add_ident(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
     const CommandLine command = program.add_subcommand("ident", "Identify K5..K8 and friction from logs");
     command.footer(
-        "LOG is a candump -L log of the bus with the drives, or a CSV with the columns t_s, tau_left_Nm,\n"
-        "tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] at 20 Hz to 2 kHz. Several logs "
-        "are one\n"
+        "LOG is a candump -L log of the bus with the drives, a CSV with the columns t_s, tau_left_Nm,\n"
+        "tau_right_Nm, omega_left_rad_s, omega_right_rad_s[, gyro_z_rad_s] or others (--columns) at 20 Hz "
+        "to 2 kHz,\n"
+        "or a file of WPILib SysId, whole or as FILE.json:TEST (docs/logs.md). Several logs are one\n"
         "experiment. What the logs cannot tell is said, not guessed.\n"
         "Exit status 0: K7 and K8 are known well enough; 2: a log cannot be used; 3: they are not known, or "
         "not\n"
@@ -310,6 +314,7 @@ void add_ident(const CommandLine& program, Run& run) {
     command.add_option("LOG", options->logs, "Logs, all of one form").required();
     command.add_option("--model", options->model, "Robot file: geometry, drives, effects");
     options->geometry.add_to(command);
+    options->reading.add_to(command);
     command
         .add_option("--effects", options->effects,
                     "Effects to look for, by name, with commas; none (default: the robot file's)")

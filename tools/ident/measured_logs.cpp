@@ -55,7 +55,9 @@ class Experiment {
     }
 
     Findings run(const std::vector<std::string>& paths) {
-        signals_ = look_at_measured_logs(paths, findings_);
+        LogReading reading = setup_.reading;
+        reading.wheel_radius_m = setup_.robot.geometry.wheel_radius_m;
+        signals_ = look_at_measured_logs(paths, reading, findings_);
         if (good()) estimate();
         return std::move(findings_);
     }

@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "tools/cli/report.hpp"
+#include "tools/logs/read_measured.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -22,14 +23,13 @@ using Side = double WheelPair<double>::*;
 constexpr std::array<Side, 2> kSides{&WheelPair<double>::left, &WheelPair<double>::right};
 constexpr std::array<const char*, 2> kSpeedColumns{"omega_left_rad_s", "omega_right_rad_s"};
 
-std::size_t line_of(std::size_t sample) { return sample + 2; }  // behind the header
-
 class Signals {
   public:
     explicit Signals(Findings& findings) : findings_(findings) {}
 
-    MeasuredSignals look(const std::vector<std::string>& paths) {
-        read(paths);
+    MeasuredSignals look(const std::vector<std::string>& paths, const LogReading& reading) {
+        for (const std::string& path : paths) read(path, reading);
+        if (good()) want_one_rate();
         if (good()) look_at_speeds();
         if (good()) look_at_torque();
         return std::move(found_);
@@ -42,22 +42,28 @@ class Signals {
         findings_.problems.push_back(to_text(path, {line, text}));
     }
 
-    void read(const std::vector<std::string>& paths) {
-        for (const std::string& path : paths) {
-            MeasuredLogResult result = read_measured_csv(path);
-            for (const LineProblem& each : result.problems) findings_.problems.push_back(to_text(path, each));
-            if (result.problem_count > result.problems.size()) {
-                problem(path, 0,
-                        "and " + std::to_string(result.problem_count - result.problems.size()) + " more");
-            }
-            if (!result.log) continue;
-            found_.logs.push_back(std::move(*result.log));
-            const MeasuredLog& log = found_.logs.back();
-            found_.names.push_back(path);
-            findings_.logs.push_back({path, "CSV", log_date(log.samples.front().t_s),
-                                      log.period_s * static_cast<double>(log.samples.size() - 1),
-                                      1 / log.period_s, log.samples.size()});
+    void read(const std::string& path, const LogReading& reading) {
+        MeasuredLogs measured = read_measured_log(path, reading);
+        for (const LineProblem& each : measured.problems) findings_.problems.push_back(to_text(path, each));
+        for (const LineProblem& each : measured.notes) findings_.notes.push_back(to_text(path, each));
+        if (measured.problem_count > measured.problems.size()) {
+            problem(path, 0,
+                    "and " + std::to_string(measured.problem_count - measured.problems.size()) + " more");
         }
+        if (measured.problem_count > 0) return;
+        LogFacts facts{path, log_form(path) == LogForm::sysid_json ? "SysId" : "CSV",
+                       log_date(measured.segments.front().samples.front().t_s)};
+        for (MeasuredLog& log : measured.segments) {
+            facts.duration_s += log.period_s * static_cast<double>(log.samples.size() - 1);
+            facts.rate_Hz = 1 / log.period_s;
+            facts.samples += log.samples.size();
+            found_.logs.push_back(std::move(log));
+            found_.names.push_back(path);
+        }
+        findings_.logs.push_back(std::move(facts));
+    }
+
+    void want_one_rate() {
         for (std::size_t i = 1; good() && i < found_.logs.size(); ++i) {
             if (std::abs(found_.logs[i].period_s - found_.logs[0].period_s) >
                 0.02 * found_.logs[0].period_s) {
@@ -162,7 +168,7 @@ class Signals {
             }
             const bool moving = std::abs(s[begin].speed_rad_per_s.*side) >= standing_;
             if (end - begin >= least && moving && high - low > 0.1 * largest_torque) {
-                if (stuck == 0) first_line = line_of(begin);
+                if (stuck == 0) first_line = run.log->lines[begin];
                 stuck += end - begin;
                 for (std::size_t i = begin; i < end && i < run.left_out.size(); ++i) run.left_out[i] = true;
             }
@@ -212,8 +218,9 @@ class Signals {
 
 }  // namespace
 
-MeasuredSignals look_at_measured_logs(const std::vector<std::string>& paths, Findings& findings) {
-    return Signals(findings).look(paths);
+MeasuredSignals look_at_measured_logs(const std::vector<std::string>& paths, const LogReading& reading,
+                                      Findings& findings) {
+    return Signals(findings).look(paths, reading);
 }
 
 }  // namespace wheelwright::tools

@@ -18,8 +18,9 @@ struct MeasuredSignals {
     std::array<double, 2> speed_noise_power{};  // rad^2/s^2, of white noise: left, right
 };
 
-// Reads CSV files. `findings` gets the logs' facts, notes of what was left out, and problems: where it has
-// any, what is returned is not to be used. The runs point to the logs.
-MeasuredSignals look_at_measured_logs(const std::vector<std::string>& paths, Findings& findings);
+// Reads measured logs; each of their segments is a log. `findings` gets the logs' facts, notes of what was
+// left out, and problems: where it has any, what is returned is not to be used. The runs point to the logs.
+MeasuredSignals look_at_measured_logs(const std::vector<std::string>& paths, const LogReading& reading,
+                                      Findings& findings);
 
 }  // namespace wheelwright::tools

@@ -22,7 +22,7 @@
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
 #include "tools/ident/regression.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::tools {
 

@@ -6,7 +6,7 @@
 #include <string>
 
 #include "firmware/model/effects.hpp"
-#include "tools/logs/measured_csv.hpp"
+#include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::test {
 

@@ -108,10 +108,10 @@ TEST(HiddenTrial, TheLogIsOneThatTheReaderTakes) {
         std::istringstream text(csv_text(trial));
         const auto read = wheelwright::tools::read_measured_csv(text);
         LONGS_EQUAL(0, read.problem_count);
-        LONGS_EQUAL(trial.samples.size(), read.log->samples.size());
-        LONGS_EQUAL(1001, read.log->samples.size());
-        LONGS_EQUAL(trial.gyro, read.log->has_gyro);
-        DOUBLES_EQUAL(0.004, read.log->period_s, 1e-9);
+        LONGS_EQUAL(trial.samples.size(), read.segments.front().samples.size());
+        LONGS_EQUAL(1001, read.segments.front().samples.size());
+        LONGS_EQUAL(trial.gyro, read.segments.front().has_gyro);
+        DOUBLES_EQUAL(0.004, read.segments.front().period_s, 1e-9);
         const std::string log = csv_text(trial);
         CHECK(log.find("reversals") == std::string::npos);
     }

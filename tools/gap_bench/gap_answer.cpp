@@ -1,0 +1,154 @@
+#include "tools/gap_bench/gap_answer.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <stdexcept>
+
+#include "firmware/task/robot_file.hpp"
+#include "tools/cli/run_program.hpp"
+#include "tools/gap/free_run.hpp"
+
+namespace wheelwright::bench {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::json;
+
+std::string joined(const std::vector<std::string>& names) {
+    std::string all;
+    for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
+    return all;
+}
+
+std::vector<std::string> command_of(const GapQuestion& q) {
+    std::vector<std::string> words{q.program, "gap"};
+    words.insert(words.end(), q.logs.begin(), q.logs.end());
+    words.insert(words.end(), q.held_out.begin(), q.held_out.end());
+    words.insert(words.end(), q.reading.begin(), q.reading.end());
+    const auto number = [](double value) { return task::shortest_number(value); };
+    for (const std::string& word : {std::string("--wheel-radius"), number(q.geometry.wheel_radius_m.left),
+                                    number(q.geometry.wheel_radius_m.right), std::string("--track"),
+                                    number(q.geometry.track_m), std::string("--out"), q.out}) {
+        words.push_back(word);
+    }
+    return words;
+}
+
+// Throws Json::exception where it is not what docs/gap.md says.
+void take_json(const Json& json, GapAnswer& answer) {
+    answer.verdict = json.at("verdict").get<std::string>();
+    if (const auto problems = json.find("problems"); problems != json.end()) {
+        answer.refusal = joined(problems->get<std::vector<std::string>>());
+        return;
+    }
+    for (const Json& effect : json.at("effects")) {
+        NamedEffect named{effect.at("name").get<std::string>(), {}};
+        for (const Json& rival : effect.at("rivals"))
+            named.rivals.push_back(rival.at("name").get<std::string>());
+        answer.effects.push_back(std::move(named));
+    }
+    const Json stated = json.value("/heldout/forward_rms_rad_s/after"_json_pointer, Json());
+    if (stated.is_number()) answer.stated_rms_rad_per_s = stated.get<double>();
+}
+
+// The robot that was written. Where its turning is not known it goes straight, with any inertia.
+std::optional<gap::SimulatedRobot> written_robot(const std::string& path, std::string& refusal) {
+    const task::RobotFileResult read = task::read_robot_file(path);
+    if (!read.robot) {
+        refusal = "no model: " + (read.problems.empty() ? path : task::to_text(read.problems.front()));
+        return std::nullopt;
+    }
+    const task::RobotFile& file = *read.robot;
+    if (!file.is_given("dynamics.k7_per_kg_m")) {
+        refusal = "no model: K7 is not known";
+        return std::nullopt;
+    }
+    gap::SimulatedRobot robot{file.parameters.geometry, file.parameters.dynamics, file.parameters.effects,
+                              file.is_given("dynamics.k8_per_kg_m2")};
+    if (!robot.turning) {
+        robot.dynamics.k5_m = robot.dynamics.k6_per_m = 0;
+        robot.dynamics.k8_per_kg_m2 = 4 * robot.dynamics.k7_per_kg_m / robot.geometry.track_m;
+    }
+    return robot;
+}
+
+double forward_rms(const gap::SimulatedRobot& robot, const std::vector<Piece>& pieces) {
+    double sum = 0;
+    double count = 0;
+    for (const Piece& piece : pieces) {
+        const auto& samples = piece.log->samples;
+        gap::free_run(robot, {piece.log, piece.first, piece.end, 0}, samples[piece.first].speed_rad_per_s,
+                      [&](std::size_t i, const WheelPair<double>& simulated) {
+                          const double off = simulated.sum() - samples[i].speed_rad_per_s.sum();
+                          sum += off * off / 4;
+                          count += 1;
+                      });
+    }
+    return std::sqrt(sum / count);
+}
+
+}  // namespace
+
+Held GapAnswer::held(std::string_view effect) const {
+    Held held = Held::missing;
+    for (const NamedEffect& named : effects) {
+        if (named.name == effect) return Held::named;
+        if (std::find(named.rivals.begin(), named.rivals.end(), effect) != named.rivals.end())
+            held = Held::confounded;
+    }
+    return held;
+}
+
+bool GapAnswer::both_frictions() const {
+    return std::all_of(kFrictions.begin(), kFrictions.end(),
+                       [&](std::string_view friction) { return held(friction) != Held::missing; });
+}
+
+std::vector<NamedEffect> GapAnswer::others() const {
+    std::vector<NamedEffect> others;
+    for (const NamedEffect& named : effects) {
+        if (std::find(kFrictions.begin(), kFrictions.end(), named.name) == kFrictions.end())
+            others.push_back(named);
+    }
+    return others;
+}
+
+std::string GapAnswer::names() const {
+    std::vector<std::string> names;
+    for (const NamedEffect& named : effects)
+        names.push_back(named.name + (named.rivals.empty() ? "" : " (" + joined(named.rivals) + ")"));
+    return joined(names);
+}
+
+GapAnswer ask_gap(const GapQuestion& question, const std::vector<Piece>& held_out) {
+    fs::remove_all(question.out);
+    fs::create_directories(question.out);
+    if (!fs::is_directory(question.out)) throw std::runtime_error(question.out + " is no folder");
+    const std::string output = question.out + "/output.txt";
+    const tools::Ended ended = tools::run_program(command_of(question), output, question.time_limit_s);
+    GapAnswer answer;
+    answer.refusal = ended.abnormal(question.time_limit_s);
+    if (!answer.refusal.empty()) return answer;
+    std::ifstream json(question.out + "/gap.json");
+    if (!json) {
+        std::ifstream said(output);
+        std::getline(said, answer.refusal);
+        answer.refusal = "no gap.json: " + answer.refusal;
+        return answer;
+    }
+    try {
+        take_json(Json::parse(json), answer);
+    } catch (const Json::exception& error) {
+        answer.refusal = std::string("gap.json: ") + error.what();
+    }
+    if (!answer.refusal.empty()) return answer;
+    if (const auto robot = written_robot(question.out + "/robot.extended.toml", answer.refusal))
+        answer.rms_rad_per_s = forward_rms(*robot, held_out);
+    return answer;
+}
+
+}  // namespace wheelwright::bench
