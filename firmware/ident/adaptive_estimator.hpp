@@ -27,8 +27,8 @@
 // measured ones (an instrumental variable: Soderstrom and Stoica 1983).
 //
 // Directional forgetting with the memory `memory_s`. A row that tells less than would be forgotten for it is
-// not learned from: where nothing excites a parameter it stays, however long; one held alone would leave the
-// others wrong that go with it. Rows with slip, saturation in the drive, or a standing wheel are masked.
+// not learned from, and none while neither A nor B is excited: where nothing excites a parameter it stays,
+// however long; one held alone would leave the others wrong that go with it. Rows with slip, saturation in the drive, or a standing wheel are masked.
 // `minimum_excitation` (excitation_monitor.hpp) is for frozen(), and for believing sums of innovations.
 //
 // Noise: rows are weighed by the power of their own innovations, of single rows or of sums over kRunRows,
@@ -43,7 +43,9 @@
 // that share shifts at the track's edge; the rows that follow settle them. A jolt thus costs a fresh look,
 // never a wrong row. A change smaller than the memory's rows can show is not seen: see docs/driving.md.
 //
-// Standard errors: sqrt(P_ii), in units of that noise.
+// Standard errors: of K7 and K8, what the regression says and what a load that nobody noticed may have left:
+// evenly anything up to what the sums of innovations would have shown by now. They grow while a robot stands.
+// Of the others sqrt(P_ii), in units of that noise.
 //
 // push() spreads a row's work over the cycles after it: at most about 1 700 instructions in one. No
 // allocation.
@@ -299,7 +301,7 @@ class AdaptiveEstimator {
     // Fading sums over rows: of innovations that go with a parameter's regressor, and the variance that they
     // have by chance.
     struct Window {
-        std::array<Real, kLoad> score{}, noise{};
+        std::array<Real, kLoad> score{}, noise{}, power{};
         Real keep{};   // by each row of either equation
         int rows = 0;  // of both equations
     };
@@ -407,7 +409,7 @@ class AdaptiveEstimator {
             quiet.sum = 0;
         }
         if (quiet.rows >= (row.measured > 0 ? window_rows_ : kRunRows)) learn_noise(row);
-        return row.projection.variance > forgotten_;
+        return row.projection.variance > forgotten_ && (excited_[kMass] || excited_[kInertia]);
     }
 
     bool window_shows_change(const Row& row) {
@@ -418,11 +420,12 @@ class AdaptiveEstimator {
         bool found = false;
         const bool moved = excited_[kMass] || excited_[kInertia];
         for (std::size_t i = 0; i < kLoad; ++i) {
-            // Accelerations about as small as the noise go with it, not with the robot.
-            if (!(i < kWatched ? excited_[i] && moved : moved)) continue;
             w.score[i] = w.keep * w.score[i] + row.phi[i] * standard;
             w.noise[i] = w.keep * w.keep * w.noise[i] + row.phi[i] * row.phi[i];
-            found = found || w.score[i] * w.score[i] > sum_gate * w.noise[i];
+            w.power[i] = w.keep * w.power[i] + row.phi[i] * row.phi[i];
+            // Accelerations about as small as the noise go with it, not with the robot.
+            const bool asked = moved && (i >= kWatched || excited_[i]);
+            found = found || (asked && w.score[i] * w.score[i] > sum_gate * w.noise[i]);
         }
         return ++w.rows >= 2 * kFewestRows && found;
     }
@@ -459,6 +462,15 @@ class AdaptiveEstimator {
         }
     }
 
+    // Variance of what a change that nobody noticed may have left in A or B: evenly anything up to what the
+    // sums of innovations would show, and a load's share at most.
+    Real unnoticed(std::size_t i) const {
+        const Real most = options_.doubt * rls_.theta()[i];
+        const Real gate = kSumGate_sigma * std::sqrt(window_.noise[i]);
+        const Real seen = gate < most * window_.power[i] ? gate / window_.power[i] : most;
+        return seen * seen / 3;
+    }
+
     void watch_excitation() {
         for (std::size_t i = 0; i < size(); ++i) held_[i] = rls_.variance(static_cast<int>(i));
         std::array<Real, kWatched> excitation;
@@ -466,6 +478,7 @@ class AdaptiveEstimator {
             excitation[i] = monitor_.excitation(static_cast<int>(i), held_[i]);
             excited_[i] = excitation[i] >= options_.minimum_excitation;
         }
+        for (const std::size_t i : {kMass, kInertia}) held_[i] += unnoticed(i);
         estimate_.excitation = {excitation[kAhead], excitation[kAhead], excitation[kMass],
                                 excitation[kInertia]};
     }
