@@ -15,7 +15,8 @@ namespace {
 using tools::MeasuredLog;
 using tools::MeasuredSample;
 
-constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
+constexpr double kTurningOverNoise = 9;   // power of the yaw rate over that of its noise
+constexpr double kTurningTorques = 0.01;  // of both wheels: what they differ by less than that does not turn
 constexpr double kHeldOutShare = 0.2;
 constexpr std::array kSides = {&WheelPair<double>::left, &WheelPair<double>::right};
 
@@ -44,18 +45,23 @@ double turned_rad(const MeasuredLog& log, double WheelPair<double>::*side) {
 bool turns(std::span<const MeasuredLog> logs, const model::Geometry<double>& geometry,
            const WheelPair<double>& noise_rad_per_s) {
     double yaw = 0;
+    double apart = 0;
+    double together = 0;
     double count = 0;
     for (const MeasuredLog& log : logs) {
         for (const MeasuredSample& s : log.samples) {
             const double omega = model::twist_from_wheel_speeds(geometry, s.speed_rad_per_s).omega_rad_per_s;
             yaw += omega * omega;
+            apart += std::pow(s.torque_Nm.difference(), 2);
+            together += std::pow(s.torque_Nm.sum(), 2);
             ++count;
         }
     }
     const double noise = std::hypot(geometry.wheel_radius_m.left * noise_rad_per_s.left,
                                     geometry.wheel_radius_m.right * noise_rad_per_s.right) /
                          geometry.track_m;
-    return yaw / count > kTurningOverNoise * noise * noise;
+    return apart > kTurningTorques * kTurningTorques * together &&
+           yaw / count > kTurningOverNoise * noise * noise;
 }
 
 // From when on the last file is held out.

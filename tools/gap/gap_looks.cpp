@@ -6,6 +6,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_models.hpp"
 #include "tools/gap/gap_points.hpp"
 
@@ -100,7 +101,13 @@ std::optional<std::string> Looks::first_model() {
                "takes " +
                std::to_string(kFewestBlocks) + "; drive for 20 s";
     }
-    const Fit f = fit(pointers(look_->train), {{{{Dictionary::kTiming}}}, {}, turning_});
+    std::vector<Amount> frictions;
+    for (const std::size_t friction : kFrictions) {
+        const int first = look_->dictionary.linear_columns(friction).first;
+        frictions.push_back({{first, first + 1}});
+    }
+    const Fit f =
+        fit_beside_friction(pointers(look_->train), {{{{Dictionary::kTiming}}}, {}, turning_, {}}, frictions);
     if (!(f.value(2) > 0)) {
         return "forward torque slows the robot down: is the sign of torque or speed wrong?";
     }
@@ -109,6 +116,10 @@ std::optional<std::string> Looks::first_model() {
             return "torque turns the robot the wrong way: are left and right of torque or speed swapped?";
         }
         turning_ = turned_with_an_effect(f);  // else turned, but not by the torques
+    }
+    if (!turning_) {
+        kept_ = {};  // made of what the wheels differ by
+        block_options_.straight = true;
     }
     make(dynamics_of(f, turning_, options_.geometry.track_m), {}, true);
     return std::nullopt;
