@@ -183,15 +183,19 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
             return std::abs(speed(end) - speed(end - 1)) < 1.5 * step + 2 * std::abs(next);
         });
     };
-    // most samples repeat: that is the sensor's rate
     double repeated = alone;
     for (const auto& [begin, end] : runs) repeated += double(end - begin);
-    if (repeated > moving / 2) return;
+    std::erase_if(runs, [&](const auto& run) {
+        const auto [begin, end] = run;
+        return goes_on(end) || std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance;
+    });
+    double leaping = 0;
+    for (const auto& [begin, end] : runs) leaping += double(end - begin);
+    // most samples repeat, and many of them while the speed goes on: that is the sensor's rate
+    if (repeated > moving / 2 && leaping > repeated / 4) return;
     std::size_t count = 0;
     double first_s = 0;
     for (const auto& [begin, end] : runs) {
-        if (goes_on(end)) continue;
-        if (std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance) continue;
         if (count == 0) first_s = log.samples[begin].t_s;
         count += end - begin;
         for (std::size_t i = begin - 1; i < std::min(end + 1, unusable.size()); ++i) unusable[i] = true;
