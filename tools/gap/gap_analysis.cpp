@@ -99,6 +99,9 @@ void judge_held_out(Findings& findings, const LogPart& part, const Models& model
     findings.heldout_s = part.log->period_s * double(part.end - part.first - 1);
     findings.heldout_rms_rad_per_s = speed_rms_rad_per_s(part);
     findings.heldout = free_runs(part, models);
+    if (!std::isfinite(findings.heldout.back().after.both))
+        findings.notes.emplace_back(
+            "the robot found runs away from the held-out part, and by how much is no figure");
     findings.trace = trace_of(part, models);
 }
 
