@@ -193,6 +193,7 @@ std::vector<Way> Evidence::ways(std::size_t effect) const {
 ModelShape Evidence::shape_of(const Members& members) const {
     ModelShape shape;
     shape.turning = options_.turning;
+    shape.held_gain[kLinear] = options_.k7_per_kg_m;
     shape.amounts.push_back({{Dictionary::kTiming}});
     for (const Way& m : members) {
         shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());

@@ -478,7 +478,7 @@ std::vector<std::string> unknowable(const Fit& f, bool turning) {
     const auto unknown = [&](Eigen::Index i, double scale) { return !(f.error(i) < scale); };
     if (unknown(0, 0.02)) names.emplace_back("K5");
     if (!turning || unknown(1, 0.5 * std::max(1.0, std::abs(f.value(1))))) names.emplace_back("K6");
-    if (unknown(2, 0.2 * std::abs(f.value(2)))) names.emplace_back("K7");
+    if (f.shape.held_gain[kLinear] || unknown(2, 0.2 * std::abs(f.value(2)))) names.emplace_back("K7");
     if (!turning || unknown(3, 0.2 * std::abs(f.value(3)))) names.emplace_back("K8");
     return names;
 }
