@@ -49,7 +49,7 @@ class Gap(unittest.TestCase):
                              "--heldout", os.path.join(self.data, name("fast_backward")),
                              "--wheel-radius", "0.05077", "--track", "0.6")
         self.assertEqual((found["verdict"], [effect["name"] for effect in found["effects"]]),
-                         ("named", ["viscous_friction"]))
+                         ("named", ["viscous_friction", "coulomb_friction"]))
         self.assertIn("back_emf_limit", [rival["name"] for rival in found["effects"][0]["rivals"]])
         self.assertEqual({"K6", "K8"}, set(found["unknowable"]))
         self.assertFalse({"K5", "K6", "K8"} & set(found["parameter_shift"]))

@@ -99,6 +99,9 @@ void judge_held_out(Findings& findings, const LogPart& part, const Models& model
     findings.heldout_s = part.log->period_s * double(part.end - part.first - 1);
     findings.heldout_rms_rad_per_s = speed_rms_rad_per_s(part);
     findings.heldout = free_runs(part, models);
+    if (!std::isfinite(findings.heldout.back().after.both))
+        findings.notes.emplace_back(
+            "the robot found runs away from the held-out part, and by how much is no figure");
     findings.trace = trace_of(part, models);
 }
 
@@ -131,7 +134,7 @@ Findings analyse(const Request& request) {
         if (wrong) findings.problems.push_back(*wrong);
     }
     if (!findings.problems.empty()) return findings;
-    const Known known = known_before(told, request.without, track_m);
+    Known known = known_before(told, request.without, track_m);
 
     const Parts parts = split(logs, request.geometry, {!request.heldout_log.empty(), request.heldout_from_s});
     const auto& last_log = logs.logs.back();
@@ -140,20 +143,34 @@ Findings analyse(const Request& request) {
 
     // the looks
     request.progress("products of columns");
-    Looks looks(look_options(request, overview, parts, known));
-    if (const std::optional<std::string> problem = looks.first_model()) {
-        findings.problems.push_back(*problem);
-        return findings;
+    std::optional<Looks> made;
+    bool turning = false;
+    for (bool again = true; again;) {
+        made.emplace(look_options(request, overview, parts, known));
+        if (const std::optional<std::string> problem = made->first_model()) {
+            findings.problems.push_back(*problem);
+            return findings;
+        }
+        turning = made->turning();
+        if (!turning) told.gyro.reset();  // no radii are told by a robot that its torques do not turn
+        request.progress("search");
+        made->look();
+        made->look_with_a_guess();
+        made->look_closer(kBroadPasses);
+        made->look_without_the_least();
+        const Look& last = made->last();
+        const std::optional<std::size_t> useless = no_better_in_free_run(
+            last.search, pointers(last.train), parts.training, last.dictionary.setting(), turning);
+        again = useless.has_value();
+        if (!useless) continue;
+        known.excluded.push_back(*useless);
+        findings.notes.push_back(
+            std::string(model::kEffects[*useless].name) +
+            ": not looked for, because the simulated robot drives no closer to the logs with it");
     }
-    const bool turning = looks.turning();
+    Looks& looks = *made;
     findings.turning = turning;
     findings.blocks = looks.blocks();
-    if (!turning) told.gyro.reset();  // no radii are told by a robot that its torques do not turn
-    request.progress("search");
-    looks.look();
-    looks.look_with_a_guess();
-    looks.look_closer(kBroadPasses);
-    looks.look_without_the_least();
 
     // what they leave, and what else is to be said of what they found
     const Look& last = looks.last();

@@ -1,16 +1,23 @@
 #include "tools/gap/gap_blocks.hpp"
 
 #include <algorithm>
+#include <array>
 
 namespace wheelwright::gap {
 namespace {
 
-std::vector<int> columns_without(std::span<const std::size_t> effects, const Dictionary& dictionary) {
-    std::vector<int> columns;
+// All of the dictionary's columns but those of the excluded effects; and of these the linear ones.
+std::array<std::vector<int>, 2> columns_without(std::span<const std::size_t> excluded,
+                                                const Dictionary& dictionary) {
+    std::array<std::vector<int>, 2> columns;
     const std::span<const Column> all = dictionary.columns();
     for (std::size_t c = 0; c < all.size(); ++c) {
-        if (std::find(effects.begin(), effects.end(), all[c].effect) == effects.end())
-            columns.push_back(static_cast<int>(c));
+        const std::size_t effect = all[c].effect;
+        if (std::find(excluded.begin(), excluded.end(), effect) != excluded.end()) continue;
+        const auto i = static_cast<int>(c);
+        columns[0].push_back(i);
+        const bool linear = effect < model::kEffectCount && i < dictionary.linear_columns(effect).second;
+        if (i < Dictionary::kFirstEffect || linear) columns[1].push_back(i);
     }
     return columns;
 }

@@ -16,7 +16,7 @@ BlockOptions block_options(std::span<const LogPart> parts, const WheelPair<doubl
 
 struct WeighedBlocks {
     BlockSet set;
-    Colour colour;  // that all of the dictionary's columns leave, but those of `excluded` effects
+    Colour colour;  // that the dictionary's columns leave without those of `excluded` effects
 };
 WeighedBlocks weighed_blocks(std::span<const LogPart> parts, const BlockOptions& options,
                              std::span<const std::size_t> excluded);

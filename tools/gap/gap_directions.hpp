@@ -9,6 +9,8 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -18,8 +20,9 @@ namespace wheelwright::gap {
 
 struct ModelShape {
     std::vector<Amount> amounts;
-    std::vector<int> fixed;  // columns whose amount is one
-    bool turning = true;     // false: the turning equation is left out
+    std::vector<int> fixed;                                     // columns whose amount is one
+    bool turning = true;                                        // false: the turning equation is left out
+    std::array<std::optional<double>, kEquations> held_gain{};  // of K7 and K8; none: fitted
 
     std::size_t equations() const { return turning ? kEquations : kTurning; }
 };

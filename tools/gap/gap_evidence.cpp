@@ -1,6 +1,7 @@
 #include "tools/gap/gap_evidence.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -32,6 +33,18 @@ void add(const Block& block, Block& sum) {
 }
 
 }  // namespace
+
+Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions) {
+    const auto others = static_cast<std::ptrdiff_t>(shape.amounts.size());
+    shape.amounts.insert(shape.amounts.end(), frictions.begin(), frictions.end());
+    for (;;) {
+        const Fit f = fit(blocks, shape);
+        Eigen::Index least = 0;
+        const auto count = f.value.size() - kFirstAmount - others;
+        if (count == 0 || f.value.tail(count).minCoeff(&least) >= 0) return f;
+        shape.amounts.erase(shape.amounts.begin() + others + least);
+    }
+}
 
 Members with(Members members, const Way& way) {
     members.push_back(way);
@@ -128,8 +141,19 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
         base_.back().amounts.clear();
         base_.back().free.clear();
     }
-    base_fit_ = fit(all_, base_);
+    base_fit_ = usual_fit_ = fit(all_, base_);
+    std::vector<Amount> amounts;
+    for (const std::size_t i : kFrictions) {
+        if (contains(base_, i) || excluded(i)) continue;
+        friction_.push_back(ways(i).front());
+        amounts.insert(amounts.end(), friction_.back().amounts.begin(), friction_.back().amounts.end());
+    }
+    usual_fit_ = fit_beside_friction(all_.blocks, shape_of(base_), amounts);
+    std::erase_if(friction_, [&](const Way& way) { return !excited(way); });
     rows_ = row_count(all_.blocks, base_fit_.shape);
+    constexpr double kMostOfIt = 0.5;  // more than all others together
+    const auto shares = largest_fold_shares(all_.blocks, usual_fit_);
+    for (std::size_t e = 0; e < kEquations; ++e) one_tells_[e] = shares[e] > kMostOfIt;
 }
 
 std::vector<Way> Evidence::ways(std::size_t effect) const {
@@ -169,6 +193,7 @@ std::vector<Way> Evidence::ways(std::size_t effect) const {
 ModelShape Evidence::shape_of(const Members& members) const {
     ModelShape shape;
     shape.turning = options_.turning;
+    shape.held_gain[kLinear] = options_.k7_per_kg_m;
     shape.amounts.push_back({{Dictionary::kTiming}});
     for (const Way& m : members) {
         shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());
@@ -182,9 +207,27 @@ Fit Evidence::fit(const Sample& sample, const Members& members, Spread spread) c
     return gap::fit(sample.blocks, shape_of(members), spread);
 }
 
+ModelShape Evidence::shape_for_part(const Members& members) const {
+    ModelShape shape = shape_of(members);
+    if (!one_tells_[kLinear] && !one_tells_[kTurning]) return shape;
+    Members usual = members;
+    for (const Way& way : friction_) {
+        if (!contains(members, way.effect)) usual.push_back(way);
+    }
+    const Fit all = fit(all_, usual, Spread::left_out);
+    for (std::size_t e = 0; e < kEquations; ++e) {
+        if (one_tells_[e]) shape.held_gain[e] = all.value(gain_of(e));
+    }
+    return shape;
+}
+
+Fit Evidence::fit_of_part(const Sample& part, const Members& members) const {
+    return gap::fit({&part.whole}, shape_for_part(members), Spread::left_out);
+}
+
 std::vector<double> Evidence::left_out(const Sample& sample, const Members& members) const {
     std::vector<double> each(sample.size());
-    const ModelShape shape = shape_of(members);
+    const ModelShape shape = shape_for_part(members);
     for (std::size_t fold = 0; fold < sample.rest.size(); ++fold) {
         const Fit rest = gap::fit({&sample.rest[fold]}, shape, Spread::left_out);
         for (std::size_t i = fold; i < each.size(); i += kFolds) each[i] = squares(*sample.blocks[i], rest);
@@ -208,7 +251,7 @@ double Evidence::reach(const Sample& sample, const Members& members) const {
 }
 
 double Evidence::torque_share(double gap) const {
-    const double torque = torque_squares(all_.blocks, base_fit_) / rows_;
+    const double torque = torque_squares(all_.blocks, usual_fit_) / rows_;
     return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
 }
 
@@ -219,10 +262,18 @@ bool Evidence::excluded(std::size_t effect) const {
 bool Evidence::excited(const Way& way) const {
     for (const Amount& amount : directions(way)) {
         for (const int c : amount.columns) {
-            if (set_.wheel_power(c, c) > 0) return likeness(all_.blocks, base_fit_, directions(way), {}) < 1;
+            if (set_.wheel_power(c, c) > 0)
+                return likeness(all_.blocks, base_usually(), directions(way), {}) < 1;
         }
     }
     return false;
+}
+
+// The base, with K5..K8 beside friction.
+Fit Evidence::base_usually() const {
+    Fit base = base_fit_;
+    base.value.head<kFirstAmount>() = usual_fit_.value.head<kFirstAmount>();
+    return base;
 }
 
 double Evidence::effect_torque_share(const Members& members, std::size_t member, const Fit& f) const {
@@ -288,7 +339,7 @@ double Evidence::probability_of_last(const Sample& sample, const Members& member
     Way& last = tested.back();
     last.amounts = directions(last);
     last.fixed.clear();
-    const Fit f = fit(sample, tested, Spread::plain);
+    const Fit f = gap::fit(sample.blocks, shape_for_part(tested), Spread::plain);
     const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
     const auto n = static_cast<Eigen::Index>(last.amounts.size());
     const double degrees = std::max(1.0, double(sample.size()) - 4 - double(n));

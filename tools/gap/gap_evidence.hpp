@@ -4,14 +4,24 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstddef>
 #include <optional>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 #include "tools/gap/gap_search.hpp"
 
 namespace wheelwright::gap {
+
+// What every drive train may have, beside which K7 and K8 are fitted: on a ramp of torque, speed alone would
+// stand for both.
+inline constexpr std::array kFrictions{model::find_effect("viscous_friction"),
+                                       model::find_effect("coulomb_friction")};
+
+// A fit with these in it as far as they come out as friction; one that drives is none.
+Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions);
 
 // Ways in which effects enter the model, in the order of their amounts in a fit; one of each effect at most.
 using Members = std::vector<Way>;
@@ -81,6 +91,11 @@ class Evidence {
     const Dictionary& dictionary() const { return *options_.dictionary; }
     const Members& base() const { return base_; }  // effects of the model, before any is found
     const Fit& base_fit() const { return base_fit_; }
+    // The friction that every drive train may have, as far as the model does not have it and the log holds
+    // something of it: beside it K7 and K8 are fitted, and all else is looked for.
+    const Members& friction() const { return friction_; }
+    // What of it is there.
+    void set_friction(Members friction) { friction_ = std::move(friction); }
     double rows() const { return rows_; }
 
     // The ways in which an effect may enter; those with fewer unknowns first.
@@ -93,6 +108,9 @@ class Evidence {
     ModelShape shape_of(const Members& members) const;
     // Costs as much as any fit (gap_fit.hpp); what judges below costs some of them.
     Fit fit(const Sample& sample, const Members& members, Spread spread = Spread::known) const;
+    // A fold with a launch may tell more of K7 than all the others: then with the K7 of all pieces, for a
+    // part is to tell of effects only; so with K8.
+    Fit fit_of_part(const Sample& part, const Members& members) const;
 
     // Squares of each block, left out of the fit; and their sum.
     std::vector<double> left_out(const Sample& sample, const Members& members) const;
@@ -125,11 +143,15 @@ class Evidence {
     std::vector<Members> others_for(const Members& fewer) const;
 
   private:
+    ModelShape shape_for_part(const Members& members) const;
+    Fit base_usually() const;
+
     const BlockSet& set_;
     const SearchOptions& options_;
     Sample all_;
-    Members base_;
-    Fit base_fit_;
+    Members base_, friction_;
+    Fit base_fit_, usual_fit_;  // usual: beside friction
+    std::array<bool, kEquations> one_tells_{};
     double rows_ = 1;
 };
 

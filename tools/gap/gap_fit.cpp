@@ -44,7 +44,6 @@ std::array<Combination, kEquations> rows_of(const Fit& fit, Eigen::Index measure
 // notices them.
 Eigen::VectorXd prior_precision(const Blocks& blocks, const ModelShape& shape, const Directions& directions,
                                 const Products& sum) {
-    const double timing_range = timing_range_samples(blocks.front()->period_s);
     Eigen::VectorXd precision(kFirstAmount + Eigen::Index(shape.amounts.size()));
     precision(kK5) = 1 / (0.5 * 0.5);
     precision(kK6) = 1 / (50.0 * 50.0);
@@ -54,7 +53,7 @@ Eigen::VectorXd prior_precision(const Blocks& blocks, const ModelShape& shape, c
     for (Eigen::Index i = 0; i < directions.amounts(); ++i) {
         const Amount& amount = shape.amounts[std::size_t(i)];
         if (amount.columns.front() == Dictionary::kTiming) {
-            precision(kFirstAmount + i) = 1 / (timing_range * timing_range);
+            precision(kFirstAmount + i) = 1 / (kTimingRange_samples * kTimingRange_samples);
             continue;
         }
         if (amount.expected > 0) {
@@ -145,11 +144,6 @@ Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Directions& dir
 
 }  // namespace
 
-double timing_range_samples(double period_s) {
-    constexpr double kSlow_s = 1 / 90.0;
-    return period_s > kSlow_s ? 1.5 : 0.1;
-}
-
 double row_count(const Blocks& blocks, const ModelShape& shape) {
     double rows = 0;
     for (const Block* block : blocks) {
@@ -165,13 +159,17 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     const Directions directions(shape, measured_column(blocks));
     const Products sum = sum_of(blocks, directions);
     const std::size_t equations = shape.equations();
-    const double timing_range = timing_range_samples(blocks.front()->period_s);
     const Eigen::Index size = kFirstAmount + directions.amounts();
     Eigen::VectorXd& p = result.value;
     p = start(sum, shape, directions);
     Eigen::VectorXd prior = prior_precision(blocks, shape, directions, sum);
     if (!shape.turning) prior(kK5) = kOut;  // a yaw rate that is noise alone tells nothing of it
     Eigen::VectorXd centre = Eigen::VectorXd::Zero(size);
+    for (std::size_t e = 0; e < equations; ++e) {
+        if (!shape.held_gain[e]) continue;
+        p(gain_of(e)) = centre(gain_of(e)) = *shape.held_gain[e];
+        prior(gain_of(e)) = kOut;
+    }
     Eigen::MatrixXd normal(size, size);
     Eigen::VectorXd gradient(size);
     Eigen::LDLT<Eigen::MatrixXd> solver(size);
@@ -216,9 +214,9 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
             for (std::size_t i = 0; i < shape.amounts.size(); ++i) {
                 const Eigen::Index at = kFirstAmount + Eigen::Index(i);
                 if (shape.amounts[i].columns.front() != Dictionary::kTiming ||
-                    std::abs(p(at)) <= timing_range)
+                    std::abs(p(at)) <= kTimingRange_samples)
                     continue;
-                centre(at) = p(at) = std::copysign(timing_range, p(at));
+                centre(at) = p(at) = std::copysign(kTimingRange_samples, p(at));
                 held = held || prior(at) != kOut;
                 prior(at) = kOut;
             }
@@ -248,6 +246,36 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
         result.covariance(i, i) = std::max(result.covariance(i, i), least);
     }
     return result;
+}
+
+std::array<double, kEquations> largest_fold_shares(const Blocks& blocks, const Fit& fit) {
+    const Directions directions(fit.shape, measured_column(blocks));
+    Tangents tangent = tangents(directions);
+    const Eigen::Index size = fit.value.size();
+    std::vector<Eigen::MatrixXd> each;
+    Eigen::MatrixXd all = Eigen::MatrixXd::Zero(size, size);
+    for (Tangent& t : tangent) t.move(fit.value);
+    for (const Block* block : blocks) {
+        Eigen::MatrixXd own = Eigen::MatrixXd::Zero(size, size);
+        Eigen::VectorXd gradient = Eigen::VectorXd::Zero(size);
+        for (std::size_t e = 0; e < fit.shape.equations(); ++e)
+            tangent[e].add(by_direction(block->product[e], directions), own, gradient);
+        own.triangularView<Eigen::StrictlyUpper>() = own.transpose();
+        all += own;
+        each.push_back(std::move(own));
+    }
+    all.diagonal() *= 1 + 1e-9;
+    all.diagonal().array() += 1e-12;
+    std::array<double, kEquations> most{};
+    for (std::size_t e = 0; e < fit.shape.equations(); ++e) {
+        const Eigen::VectorXd gain = all.ldlt().solve(Eigen::VectorXd::Unit(size, gain_of(e)));
+        for (std::size_t fold = 0; fold < std::min(kFolds, each.size()); ++fold) {
+            double own = 0;
+            for (std::size_t b = fold; b < each.size(); b += kFolds) own += gain.dot(each[b] * gain);
+            most[e] = std::max(most[e], own / gain(gain_of(e)));
+        }
+    }
+    return most;
 }
 
 double squares(const Block& block, const Fit& fit) { return squares(Blocks{&block}, fit); }

@@ -54,6 +54,9 @@ double reachable_squares(const Blocks& blocks, const ModelShape& shape, const st
 // Blocks are left out of a fit in turn, every so many at once.
 inline constexpr std::size_t kFolds = 5;
 
+// Of what is known of K7 and of K8, the largest share that one of these tells.
+std::array<double, kEquations> largest_fold_shares(const Blocks& blocks, const Fit& fit);
+
 // By block, how much of its whitened squares free coefficients for `columns` in each equation explain beside
 // a model that may move with them, fitted to the other blocks.
 std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const std::vector<int>& columns);
@@ -63,8 +66,8 @@ std::vector<double> gain_beside(const Blocks& blocks, const Fit& model, const st
 double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>& wanted,
                 const std::vector<Amount>& rival);
 
-// How far the torque may be logged late or early, in samples: which instant of a slow log's sample it belongs
-// to is seldom said. More would be an effect, and on a ramp of torque it looks like friction.
-double timing_range_samples(double period_s);
+// How far the torque may be logged late or early. More would be an effect, and on a ramp of torque, or where
+// speeds were smoothed, it looks like friction and takes the gains with it.
+inline constexpr double kTimingRange_samples = 0.1;
 
 }  // namespace wheelwright::gap

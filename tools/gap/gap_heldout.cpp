@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "tools/gap/gap_logs.hpp"
 
@@ -69,6 +70,13 @@ double torque_missing_Nm(const SimulatedRobot& robot, const MeasuredLog& log,
 std::vector<FreeRun> free_runs(const LogPart& part, const Models& models) {
     const std::size_t samples = part.end - part.first;
     const std::vector<double> heading = headings_rad(part, models.after.geometry);
+    // Farther off than a robot that stands: it runs away, and how far is no figure.
+    const double standing_rad_per_s = speed_rms_rad_per_s(part);
+    const auto error = [&](const SimulatedRobot& robot, const Windows& windows) {
+        const SpeedError e = error_of(robot, part, windows, heading);
+        constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+        return e.both < standing_rad_per_s ? e : SpeedError{kNone, kNone};
+    };
     std::vector<FreeRun> runs;
     for (const double window_s : {1.0, 5.0, 10.0, 0.0}) {
         Windows windows{samples};
@@ -79,9 +87,9 @@ std::vector<FreeRun> free_runs(const LogPart& part, const Models& models) {
         FreeRun run;
         run.window_s = window_s;
         run.windows = windows.count;
-        if (models.nominal) run.nominal = error_of(*models.nominal, part, windows, heading);
-        run.before = error_of(models.before, part, windows, heading);
-        run.after = error_of(models.after, part, windows, heading);
+        if (models.nominal) run.nominal = error(*models.nominal, windows);
+        run.before = error(models.before, windows);
+        run.after = error(models.after, windows);
         runs.push_back(run);
     }
     return runs;

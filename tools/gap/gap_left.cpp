@@ -47,7 +47,7 @@ Way same_way(const Dictionary& dictionary, const Way& way) {
 
 // A model with these members, fitted anew.
 Fit model_of(std::span<const Way> members, const Dictionary& dictionary, const Blocks& blocks, bool turning) {
-    ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning};
+    ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning, {}};
     for (const Way& member : members) {
         const Way way = same_way(dictionary, member);
         shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());

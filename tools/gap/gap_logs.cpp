@@ -16,6 +16,8 @@ using tools::MeasuredLog;
 using tools::MeasuredSample;
 
 constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of its noise
+constexpr double kLeastOfTorques =
+    0.01;  // sum over difference, or the reverse: with less none is driven, or turned
 constexpr double kHeldOutShare = 0.2;
 constexpr std::array kSides = {&WheelPair<double>::left, &WheelPair<double>::right};
 
@@ -41,21 +43,31 @@ double turned_rad(const MeasuredLog& log, double WheelPair<double>::*side) {
     return most - least;
 }
 
-bool turns(std::span<const MeasuredLog> logs, const model::Geometry<double>& geometry,
-           const WheelPair<double>& noise_rad_per_s) {
+struct Motions {
+    bool driving = false, turning = false;
+};
+// What the torques do, and noise does not.
+Motions motions_of(std::span<const MeasuredLog> logs, const model::Geometry<double>& geometry,
+                   const WheelPair<double>& noise_rad_per_s) {
     double yaw = 0;
+    double apart = 0;
+    double together = 0;
     double count = 0;
     for (const MeasuredLog& log : logs) {
         for (const MeasuredSample& s : log.samples) {
             const double omega = model::twist_from_wheel_speeds(geometry, s.speed_rad_per_s).omega_rad_per_s;
             yaw += omega * omega;
+            apart += std::pow(s.torque_Nm.difference(), 2);
+            together += std::pow(s.torque_Nm.sum(), 2);
             ++count;
         }
     }
     const double noise = std::hypot(geometry.wheel_radius_m.left * noise_rad_per_s.left,
                                     geometry.wheel_radius_m.right * noise_rad_per_s.right) /
                          geometry.track_m;
-    return yaw / count > kTurningOverNoise * noise * noise;
+    constexpr double kLeast = kLeastOfTorques * kLeastOfTorques;
+    return {together > kLeast * apart,
+            apart > kLeast * together && yaw / count > kTurningOverNoise * noise * noise};
 }
 
 // From when on the last file is held out.
@@ -128,7 +140,9 @@ Overview overview_of(std::span<const MeasuredLog> logs, const model::Geometry<do
     }
     if (!o.problems.empty()) return o;
     o.noise_rad_per_s = speed_noise(logs);
-    o.turning = turns(logs, geometry, o.noise_rad_per_s);
+    const Motions motions = motions_of(logs, geometry, o.noise_rad_per_s);
+    o.driving = motions.driving;
+    o.turning = motions.turning;
     return o;
 }
 

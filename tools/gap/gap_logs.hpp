@@ -39,7 +39,8 @@ struct Overview {
     double span_s = 0;                  // of the longest log
     double turned_rad = 0;              // from the least to the greatest angle of a wheel, at most
     WheelPair<double> noise_rad_per_s;  // standard deviations
-    bool turning = false;               // the robot turns by more than that noise looks like
+    bool driving = true;                // the torques have a sum
+    bool turning = false;               // the torques differ, and the robot turns by more than that noise
     std::vector<std::string> problems;  // set: nothing can be learned, and noise and turning are not known
 };
 // At least one log.

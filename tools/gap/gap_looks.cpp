@@ -6,6 +6,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_models.hpp"
 #include "tools/gap/gap_points.hpp"
 
@@ -85,6 +86,7 @@ Looks::Looks(LookOptions options)
     : options_(std::move(options)),
       block_options_(gap::block_options(options_.parts.training, options_.overview.noise_rad_per_s,
                                         options_.overview.speed_rms_rad_per_s)),
+      driving_(options_.overview.driving),
       turning_(options_.overview.turning) {
     block_options_.kept = &kept_;
 }
@@ -100,8 +102,15 @@ std::optional<std::string> Looks::first_model() {
                "takes " +
                std::to_string(kFewestBlocks) + "; drive for 20 s";
     }
-    const Fit f = fit(pointers(look_->train), {{{{Dictionary::kTiming}}}, {}, turning_});
-    if (!(f.value(2) > 0)) {
+    std::vector<Amount> frictions;
+    for (const std::size_t friction : kFrictions) {
+        const int first = look_->dictionary.linear_columns(friction).first;
+        frictions.push_back({{first, first + 1}});
+    }
+    ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning_, {}};
+    if (!driving_) shape.held_gain[kLinear] = 1;  // any: it is not told
+    Fit f = fit_beside_friction(pointers(look_->train), shape, frictions);
+    if (driving_ && !(f.value(2) > 0)) {
         return "forward torque slows the robot down: is the sign of torque or speed wrong?";
     }
     if (turning_ && !(f.value(3) > 3 * f.error(3))) {
@@ -109,6 +118,15 @@ std::optional<std::string> Looks::first_model() {
             return "torque turns the robot the wrong way: are left and right of torque or speed swapped?";
         }
         turning_ = turned_with_an_effect(f);  // else turned, but not by the torques
+    }
+    if (!driving_) {
+        if (!turning_) return "the torques neither drive nor turn the robot";
+        f.value(2) = f.value(3) * options_.geometry.track_m / 4;  // as if the mass were above the wheels
+        k7_per_kg_m_ = f.value(2);
+    }
+    if (!turning_) {
+        kept_ = {};  // made of what the wheels differ by
+        block_options_.straight = true;
     }
     make(dynamics_of(f, turning_, options_.geometry.track_m), {}, true);
     return std::nullopt;
@@ -144,6 +162,7 @@ void Looks::look() {
     search_options.white_noise = known.white_noise;
     for (const NamedEffect& e : look_->search.effects) search_options.confirmed.push_back(e.effect);
     search_options.turning = turning_;
+    search_options.k7_per_kg_m = k7_per_kg_m_;
     look_->search = search(look_->train, search_options);
 }
 

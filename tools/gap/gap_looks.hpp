@@ -79,7 +79,8 @@ class Looks {
     const LookOptions options_;
     KeptColumns kept_;
     BlockOptions block_options_;
-    bool turning_ = false;
+    bool driving_ = true, turning_ = false;
+    std::optional<double> k7_per_kg_m_;  // held, as nothing drives
     std::size_t blocks_ = 0;
     std::vector<std::size_t> only_;  // these are looked for, or, if none, all
     int closer_looks_ = 0;

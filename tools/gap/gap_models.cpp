@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <optional>
 
+#include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_refine.hpp"
 
 namespace wheelwright::gap {
@@ -82,6 +84,51 @@ void refine(Search& search, std::span<const LogPart> parts, const Setting& setti
         take_refined(search, setting);
     }
     search.unknowable = unknowable(search.after, turning);
+}
+
+std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
+                                                 std::span<const LogPart> parts, const Setting& setting,
+                                                 bool turning) {
+    constexpr double kFreeStep_s = 0.001;
+    constexpr double kFreeShot_s = 2;  // in a longer one the wheels' angles stray, by which a ripple counts
+    const std::vector<Stretch> shots = stretches(parts, kFreeShot_s, setting.geometry);
+    const auto missed = [&](const Members& members, const Fit& fit) {
+        const SimulatedRobot robot = robot_of(members, fit, setting, turning);
+        double sum = 0;
+        for (const Stretch& shot : shots) {
+            // Without the mean: a memory is empty where a shot begins, and the measured start is noisy, and
+            // speeds may keep that.
+            WheelPair<double> mean;
+            double samples = 0;
+            sum += free_run(
+                robot, shot, shot.log->samples[shot.first].speed_rad_per_s,
+                [&](std::size_t i, const WheelPair<double>& w) {
+                    mean.left += w.left - shot.log->samples[i].speed_rad_per_s.left;
+                    mean.right += w.right - shot.log->samples[i].speed_rad_per_s.right;
+                    ++samples;
+                },
+                kFreeStep_s);
+            sum -= (mean.left * mean.left + mean.right * mean.right) / samples;
+        }
+        return sum;
+    };
+    std::optional<double> with_all;
+    for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
+        if (std::find(kFrictions.begin(), kFrictions.end(), search.members[i].effect) != kFrictions.end())
+            continue;
+        const Members fewer = without(search.members, i);
+        ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning, {}};
+        for (const Way& way : fewer) {
+            shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
+            shape.fixed.insert(shape.fixed.end(), way.fixed.begin(), way.fixed.end());
+        }
+        if (!with_all) with_all = missed(search.members, search.after);
+        const double without_it = missed(fewer, fit(train, shape, Spread::left_out));
+        // one that runs away is no number
+        if (std::isfinite(without_it) && !(*with_all < (1 + kTrifle) * without_it))
+            return search.members[i].effect;
+    }
+    return std::nullopt;
 }
 
 Fit nominal_fit(const Search& search, const model::RobotParameters& robot) {

@@ -31,6 +31,12 @@ void refine(Search& search, std::span<const LogPart> parts, const Setting& setti
             double speed_rms_rad_per_s);
 
 // The robot file's own numbers in the place of the base's.
+// An effect that was found, is no friction that every drive train may have, and without which the simulated
+// robot drives as close to the logs it was found in; none: there is none. `train`: what the search worked on.
+std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
+                                                 std::span<const LogPart> parts, const Setting& setting,
+                                                 bool turning);
+
 Fit nominal_fit(const Search& search, const model::RobotParameters& robot);
 
 }  // namespace wheelwright::gap

@@ -301,7 +301,10 @@ std::vector<task::FileChange> changes(const Findings& f, const Request& request)
         const model::EffectInfo& info = model::kEffects[e.effect];
         const std::string table = "effects." + name_of(e.effect) + ".";
         for (std::size_t j = 0; j < e.parameters.size(); ++j) {
-            all.push_back({table + std::string(info.parameters[j].name), e.parameters[j].value});
+            // what the free run was made with: beside this K7 the wheels' rotation belongs to the mass
+            const double value = f.effects_after.active[e.effect] ? f.effects_after.parameter[e.effect][j]
+                                                                  : e.parameters[j].value;
+            all.push_back({table + std::string(info.parameters[j].name), value});
             all.push_back({table + std::string(info.parameters[j].name) + "_standard_error",
                            e.parameters[j].standard_error});
         }

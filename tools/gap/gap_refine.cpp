@@ -37,6 +37,7 @@ class Misses {
         : weak_(weak), pieces_(pieces), robot_of_(robot_of) {
         for (Eigen::Index i = 0; i < weak.value.size(); ++i) {
             const bool known = weak.error(i) < std::abs(weak.value(i));
+            if (i == kK7 && weak.shape.held_gain[kLinear]) continue;
             if (i == kTiming || (i != kK7 && !known)) continue;
             if (!weak.shape.turning && i < kTiming && i != kK7) continue;
             free_.push_back(i);

@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <optional>
 
@@ -183,6 +184,11 @@ class Maker {
         heading_ += turn;
         angle_.left += dt * mean.left;
         angle_.right += dt * mean.right;
+        if (options_.straight) {
+            for (WheelPair<double>* pair :
+                 {&interval.torque, &interval.torque_before, &interval.before, &interval.after})
+                pair->left = pair->right = pair->sum() / 2;
+        }
         return interval;
     }
     void pass(const LogPart& part, std::size_t i) {
@@ -329,54 +335,132 @@ WheelPair<double> speed_noise(std::span<const MeasuredLog> logs) {
     return {one(&WheelPair<double>::left), one(&WheelPair<double>::right)};
 }
 
-std::size_t Colour::bin(double frequency_Hz) const {
-    const double place = std::log(frequency_Hz / lowest_Hz) / std::log(ratio);
-    return static_cast<std::size_t>(std::clamp(place, 0.0, double(kBins - 1)));
+namespace {
+
+double frequency_Hz(const Block& block, Eigen::Index row) { return double(row + 1) * block.first_Hz; }
+
+// What columns leave, as the sensor's noise alone would whiten it, by bands a tenth wide.
+struct Rests {
+    struct Band {
+        double rows = 0;
+        double squares = 0;    // of what was left
+        double set_right = 0;  // the same over the share of it that the fit has not pulled to itself
+    };
+    std::map<int, Band> bands;
+    double rows = 0, columns = 0;
+
+    static constexpr double kWidth = 0.1;
+    static int band_of(double frequency_Hz) {
+        return static_cast<int>(std::lround(std::log(frequency_Hz) / kWidth));
+    }
+    static double frequency_Hz(int band) { return std::exp(kWidth * band); }
+};
+
+struct Likely {
+    double level = 1, corner_Hz = 0, slowest_Hz = 0;
+    double unlikely = std::numeric_limits<double>::infinity();  // minus twice the logarithm of the likelihood
+};
+
+Likely likeliest(const Rests& rests, double Rests::Band::*squares) {
+    constexpr double kStep = 1.5;
+    constexpr double kSteepest = 1e3;  // corner over the highest frequency: all is the accelerations' noise
+    const double lowest = Rests::frequency_Hz(rests.bands.begin()->first);
+    const double highest = Rests::frequency_Hz(rests.bands.rbegin()->first);
+    Likely best;
+    for (double slowest = 0; slowest<highest; slowest = slowest> 0 ? kStep * slowest : lowest) {
+        for (double corner = 0;
+             corner<kSteepest * highest; corner = corner> 0 ? kStep * corner : lowest / 4) {
+            double sum = 0;
+            double shape = 0;
+            for (const auto& [band, of] : rests.bands) {
+                const double power =
+                    Colour{{1, 1}, {corner, corner}, {slowest, slowest}}.power(0, Rests::frequency_Hz(band));
+                sum += of.*squares / power;
+                shape += of.rows * std::log(power);
+            }
+            const double level = std::max(1.0, sum / rests.rows);  // the sensor's noise at least
+            const double unlikely = rests.rows * std::log(level) + sum / level + shape;
+            if (unlikely < best.unlikely) best = {level, corner, slowest, unlikely};
+        }
+    }
+    return best;
 }
 
-Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns) {
-    Colour colour;
+Rests rests_of(const BlockSet& set, std::size_t e, const std::vector<int>& columns, const Colour& colour) {
+    constexpr double kLeastFree = 0.05;
     const auto count = static_cast<Eigen::Index>(columns.size());
     std::vector<int> with_y = columns;
     with_y.push_back(static_cast<int>(set.wheel_power.cols()));
-    for (std::size_t e = 0; e < kEquations; ++e) {
-        Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(count + 1, count + 1);
-        for (const Block& block : set.blocks) {
-            sum += times_itself(block.row[e](Eigen::all, with_y).transpose());
-        }
-        Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
-        for (Eigen::Index i = 0; i < count; ++i) normal(i, i) += 1e-7 * normal(i, i) + 1e-12;
-        Eigen::VectorXd c(count + 1);
-        c.head(count) = normal.ldlt().solve(sum.col(count).head(count));
-        c(count) = -1;
-        std::array<double, Colour::kBins> squares{};
-        std::array<double, Colour::kBins> rows{};
-        for (const Block& block : set.blocks) {
-            const Eigen::VectorXd rest = block.row[e](Eigen::all, with_y) * c;
-            for (Eigen::Index k = 0; k < rest.size(); ++k) {
-                const std::size_t b = colour.bin(double(k + 1) * block.first_Hz);
-                squares[b] += rest(k) * rest(k);
-                rows[b] += 1;
-            }
-        }
-        for (std::size_t b = 0; b < Colour::kBins; ++b) {
-            colour.power[e][b] = rows[b] > 0 ? std::max(1.0, squares[b] / rows[b]) : 1.0;
+    Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(count + 1, count + 1);
+    std::vector<Eigen::MatrixXd> rows;
+    for (const Block& block : set.blocks) {
+        rows.emplace_back(block.row[e](Eigen::all, with_y));
+        for (Eigen::Index k = 0; k < rows.back().rows(); ++k)
+            rows.back().row(k) /= std::sqrt(colour.power(e, frequency_Hz(block, k)));
+        sum += times_itself(rows.back().transpose());
+    }
+    Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
+    Rests rests;
+    for (Eigen::Index i = 0; i < count; ++i) {
+        if (normal(i, i) > 0) ++rests.columns;
+        normal(i, i) += 1e-7 * normal(i, i) + 1e-12;
+    }
+    const Eigen::LLT<Eigen::MatrixXd> root(normal);
+    Eigen::VectorXd c(count + 1);
+    c.head(count) = root.solve(sum.col(count).head(count));
+    c(count) = -1;
+    for (std::size_t b = 0; b < rows.size(); ++b) {
+        const Eigen::VectorXd rest = rows[b] * c;
+        const Eigen::MatrixXd pull = root.matrixL().solve(rows[b].leftCols(count).transpose());
+        for (Eigen::Index k = 0; k < rest.size(); ++k) {
+            const double f = frequency_Hz(set.blocks[b], k);
+            Rests::Band& band = rests.bands[Rests::band_of(f)];
+            const double square = rest(k) * rest(k) * colour.power(e, f);
+            band.rows += 1;
+            band.squares += square;
+            band.set_right += square / std::max(kLeastFree, 1 - pull.col(k).squaredNorm());
+            ++rests.rows;
         }
     }
-    return colour;
+    return rests;
+}
+
+}  // namespace
+
+Colour colour_of_rest(const BlockSet& set, std::span<const std::vector<int>> columns) {
+    constexpr int kPasses = 2;  // each fitted with the colour that the one before has left
+    Colour best;
+    std::array<double, kEquations> least{};
+    least.fill(std::numeric_limits<double>::infinity());
+    for (const std::vector<int>& some : columns) {
+        for (std::size_t e = 0; e < kEquations && !set.blocks.empty(); ++e) {
+            Colour colour;
+            Rests rests;
+            for (int pass = 0; pass < kPasses; ++pass) {
+                rests = rests_of(set, e, some, colour);
+                const Likely likely = likeliest(rests, &Rests::Band::set_right);
+                colour.level[e] = likely.level;
+                colour.corner_Hz[e] = likely.corner_Hz;
+                colour.slowest_Hz[e] = likely.slowest_Hz;
+            }
+            const double criterion =
+                likeliest(rests, &Rests::Band::squares).unlikely + rests.columns * std::log(rests.rows);
+            if (criterion >= least[e]) continue;
+            least[e] = criterion;
+            best.level[e] = colour.level[e];
+            best.corner_Hz[e] = colour.corner_Hz[e];
+            best.slowest_Hz[e] = colour.slowest_Hz[e];
+        }
+    }
+    return best;
 }
 
 namespace {
 
-// Of a row's frequency.
-std::size_t bin_of(const Colour& colour, const Block& block, Eigen::Index row) {
-    return colour.bin(double(row + 1) * block.first_Hz);
-}
-
-void weigh(Block& block, std::size_t e, const std::array<double, Colour::kBins>& weight,
-           const Colour& colour) {
+template <typename Weight>
+void weigh(Block& block, std::size_t e, const Weight& weight) {
     Eigen::VectorXd root(block.rows[e]);
-    for (Eigen::Index k = 0; k < root.size(); ++k) root(k) = std::sqrt(weight[bin_of(colour, block, k)]);
+    for (Eigen::Index k = 0; k < root.size(); ++k) root(k) = std::sqrt(weight(k));
     block.product[e] = times_itself((root.asDiagonal() * block.row[e]).transpose());
 }
 
@@ -384,32 +468,29 @@ void weigh(Block& block, std::size_t e, const std::array<double, Colour::kBins>&
 
 void weigh(BlockSet& set, const Colour& colour) {
     for (Block& block : set.blocks) {
-        for (std::size_t e = 0; e < kEquations; ++e) {
-            std::array<double, Colour::kBins> weight{};
-            for (std::size_t b = 0; b < weight.size(); ++b) weight[b] = 1 / colour.power[e][b];
-            weigh(block, e, weight, colour);
-        }
+        for (std::size_t e = 0; e < kEquations; ++e)
+            weigh(block, e, [&](Eigen::Index k) { return 1 / colour.power(e, frequency_Hz(block, k)); });
     }
 }
 
 void weigh_where_motion_is_seen(BlockSet& set, const Colour& colour) {
     constexpr double kSeen = 30;  // over what the noise alone makes: a fraction of it is not taken for lag
+    struct Band {
+        double speed = 0, noise = 0;
+        bool seen() const { return speed > kSeen * noise; }
+    };
     for (Block& block : set.blocks) {
+        const auto band_of = [&](Eigen::Index k) { return std::lround(5 * std::log10(double(k + 1))); };
         for (std::size_t e = 0; e < kEquations; ++e) {
-            std::array<double, Colour::kBins> squares{};
-            std::array<double, Colour::kBins> rows{};
             const auto speed = block.row[e].rightCols<1>();
+            std::map<long, Band> bands;
             for (Eigen::Index k = 0; k < speed.size(); ++k) {
-                const std::size_t b = bin_of(colour, block, k);
-                squares[b] += speed(k) * speed(k);
-                rows[b] += 1;
+                bands[band_of(k)].speed += speed(k) * speed(k);
+                bands[band_of(k)].noise += colour.power(e, frequency_Hz(block, k));
             }
-            std::array<double, Colour::kBins> weight{};
-            for (std::size_t b = 0; b < weight.size(); ++b) {
-                const double noise = colour.power[e][b];
-                if (squares[b] > kSeen * rows[b] * noise) weight[b] = 1 / noise;
-            }
-            weigh(block, e, weight, colour);
+            weigh(block, e, [&](Eigen::Index k) {
+                return bands[band_of(k)].seen() ? 1 / colour.power(e, frequency_Hz(block, k)) : 0.0;
+            });
         }
     }
 }

@@ -44,19 +44,17 @@ struct Block {
     std::array<Eigen::MatrixXd, kEquations> product;  // of the rows, weighted
 };
 
-// Power of what no model explains over that of the sensor's noise, by
-// frequency: torque that is noisy itself, or a body that is not quite what the
-// equations say, shows at low ones. Bins of a third of a decade and less.
+// Power of what no model explains over that of the sensor's white noise, by frequency. Noise of the
+// accelerations changes the speed over an interval, so that it grows as the square of the frequency's
+// inverse, and at `corner_Hz` is what the sensor's is; below `slowest_Hz` it grows no more: a speed that was
+// smoothed, or a load that comes back, errs no more over a longer time.
 struct Colour {
-    static constexpr std::size_t kBins = 10;
-    double lowest_Hz = 0.25, ratio = 1.6;
-    std::array<std::array<double, kBins>, kEquations> power{};  // 0: no row there
+    std::array<double, kEquations> level{1, 1}, corner_Hz{}, slowest_Hz{};
 
-    std::size_t bin(double frequency_Hz) const;
-    static Colour white() {
-        Colour colour;
-        for (auto& equation : colour.power) equation.fill(1);
-        return colour;
+    double power(std::size_t equation, double frequency_Hz) const {
+        const double corner = corner_Hz[equation];
+        const double slowest = slowest_Hz[equation];
+        return level[equation] * (1 + corner * corner / (frequency_Hz * frequency_Hz + slowest * slowest));
     }
 };
 
@@ -86,6 +84,9 @@ struct BlockOptions {
     double highest_Hz = 25;
     WheelPair<double> noise_rad_per_s;
     double speed_rms_rad_per_s = 0;  // of the wheels, over the whole experiment
+    // The torques do not turn the robot: what its wheels differ by is noise, and columns are made of their
+    // mean.
+    bool straight = false;
 };
 
 struct BlockSet {
@@ -109,14 +110,15 @@ struct LogPart {
     const std::vector<bool>* unusable = nullptr;  // by sample; null: none is
 };
 
-// The colour of the rest that these columns together leave.
-Colour colour_of_rest(const BlockSet& set, const std::vector<int>& columns);
+// The likeliest colour of the rest that columns together leave, equation by equation: of those among these
+// sets that explain most for their number (Schwarz's criterion).
+Colour colour_of_rest(const BlockSet& set, std::span<const std::vector<int>> columns);
 
 // The products anew, each row over the root of the colour's power.
 void weigh(BlockSet& set, const Colour& colour);
 
 // The products anew, of those rows alone at whose frequencies the speeds move more than their noise does, by
-// block and by the colour's bins. A drive's speed loop turns the noise that it measures into torque: where
+// block and by thirds of a decade. A drive's speed loop turns the noise that it measures into torque: where
 // there is no other torque, as that of driving in a spin, it looks like torque that comes late.
 void weigh_where_motion_is_seen(BlockSet& set, const Colour& colour);
 

@@ -32,6 +32,7 @@ class Searcher {
         result_.gap_refit = evidence_.cross_validated(all_, members_) / evidence_.rows();
         result_.floor = floor_of(members_);
         result_.detectable = detectable(evidence_);
+        begin_with_friction();
         forward();
         backward();
         exchange();
@@ -111,8 +112,7 @@ class Searcher {
         Fit fit;
     };
     Without fitted_without(const Members& members) const {
-        return {members, evidence_.left_out(select_, members),
-                evidence_.fit(select_, members, Spread::left_out)};
+        return {members, evidence_.left_out(select_, members), evidence_.fit_of_part(select_, members)};
     }
 
     Trial attempt(std::size_t effect, const Without& bare) const {
@@ -142,7 +142,7 @@ class Searcher {
                 t.rank_probability = signed_rank_probability(acting);
                 t.rank_blocks = acting.size();
             }
-            const Fit selected = evidence_.fit(select_, more, Spread::left_out);
+            const Fit selected = evidence_.fit_of_part(select_, more);
             if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
             t.in_range = evidence_.in_range(select_, more, selected);
             t.of_interest = evidence_.effect_torque_share(more, last, selected) >= least_share(more);
@@ -201,11 +201,39 @@ class Searcher {
         return sure(t, tested) && confirmed && t.gain >= kLeastShareOfClosable * closable;
     }
 
+    double closable() const {
+        const double now = evidence_.cross_validated(select_, members_);
+        return now - std::min(now, evidence_.reach(select_, members_));
+    }
+
+    // All friction at once, less what is not surely there beside the rest.
+    void begin_with_friction() {
+        const Members& friction = evidence_.friction();
+        members_.insert(members_.end(), friction.begin(), friction.end());
+        while (members_.size() > base_members_) {
+            std::optional<std::size_t> least;
+            double least_gain = 0;
+            for (std::size_t i = base_members_; i < members_.size(); ++i) {
+                const Trial t = attempt(members_[i].effect, fitted_without(without(members_, i)));
+                probability_[members_[i].effect] = t.probability;
+                const bool there = t.probability <= kSignificance && t.in_range && t.of_interest;
+                if (there || (least && t.gain >= least_gain)) continue;
+                least = i;
+                least_gain = t.gain;
+            }
+            if (!least) break;
+            members_ = without(members_, *least);
+        }
+        take_apart();
+        evidence_.set_friction({members_.begin() + std::ptrdiff_t(base_members_), members_.end()});
+        closable_at_first_ = closable();
+    }
+
+    bool is_friction(const Way& way) const { return contains(evidence_.friction(), way.effect); }
+
     void forward() {
         while (members_.size() - base_members_ < kMostEffects) {
-            const double now = evidence_.cross_validated(select_, members_);
-            const double closable = now - std::min(now, evidence_.reach(select_, members_));
-            if (members_.size() == base_members_) closable_at_first_ = closable;
+            const double closable = this->closable();
             const Without bare = fitted_without(members_);
             std::vector<Trial> trials;
             for (std::size_t i = 0; i < model::kEffectCount; ++i) {
@@ -315,8 +343,7 @@ class Searcher {
             const double gain = left - evidence_.cross_validated(all_, members_);
             const bool much =
                 gain > kLeastShareOfClosable * (left - std::min(left, result_.floor * evidence_.rows()));
-            const bool little =
-                gain < kLeastShareOfAll * (result_.gap_refit - result_.floor) * evidence_.rows();
+            const bool little = !is_friction(members_[i]) && gain < kLeastShareOfAll * closable_at_first_;
             const bool needed = !little && (much || evidence_.probability_of_last(
                                                         all_, with(fewer, members_[i])) <= kSuperfluous);
             if (needed && evidence_.effect_torque_share(members_, i, f) >= least_share(members_)) {
@@ -364,8 +391,12 @@ class Searcher {
                     const bool simpler = unknowns(others) <= unknowns(fewer) &&
                                          simplicity(best->way) < simplicity(held.back());
                     const bool held_better = evidence_.better(held, taken);
+                    // every drive train may have friction: what goes for it must explain much that it leaves
+                    const bool much =
+                        !is_friction(held.back()) ||
+                        mine - sum >= kLeastShareOfClosable * (mine - result_.floor * evidence_.rows());
                     if (simpler ? !held_better
-                                : evidence_.better(taken, held) && !held_better && sum < mine) {
+                                : much && evidence_.better(taken, held) && !held_better && sum < mine) {
                         held = taken;
                         mine = sum;
                     }
@@ -413,13 +444,13 @@ class Searcher {
         note_point(members, member, f, evidence_.dictionary().setting(), result_.points);
     }
 
-    const Evidence evidence_;
+    Evidence evidence_;
     const Sample& all_;
     const Blocks confirm_;
     const Sample select_;
     Members members_;
     std::size_t base_members_ = 0;
-    double closable_at_first_ = 0;  // on the blocks that select
+    double closable_at_first_ = 0;  // beside friction, on the blocks that select
     std::map<std::size_t, double> probability_;
     Search result_;
 };
@@ -447,7 +478,7 @@ std::vector<std::string> unknowable(const Fit& f, bool turning) {
     const auto unknown = [&](Eigen::Index i, double scale) { return !(f.error(i) < scale); };
     if (unknown(0, 0.02)) names.emplace_back("K5");
     if (!turning || unknown(1, 0.5 * std::max(1.0, std::abs(f.value(1))))) names.emplace_back("K6");
-    if (unknown(2, 0.2 * std::abs(f.value(2)))) names.emplace_back("K7");
+    if (f.shape.held_gain[kLinear] || unknown(2, 0.2 * std::abs(f.value(2)))) names.emplace_back("K7");
     if (!turning || unknown(3, 0.2 * std::abs(f.value(3)))) names.emplace_back("K8");
     return names;
 }

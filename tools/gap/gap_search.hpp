@@ -66,6 +66,8 @@ struct SearchOptions {
     bool white_noise = true;                 // the sensors' noise is, so that more than it is something
     std::vector<std::size_t> confirmed;      // found by an earlier look, whose confirming blocks agreed
     bool turning = true;
+    std::optional<double>
+        k7_per_kg_m;  // held: nothing drives the robot forward, and the log does not tell it
 };
 
 struct Search {

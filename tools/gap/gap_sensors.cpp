@@ -21,6 +21,7 @@ constexpr std::array<Side, 2> kSides{&WheelPair<double>::left, &WheelPair<double
 
 constexpr double kSpike = 15;               // robust standard deviations of what neighbours do not tell
 constexpr double kSpikeShare = 0.4;         // of the usual speed, at least
+constexpr double kMovingShare = 0.05;       // of the RMS speed: slower than this is no usual speed
 constexpr std::size_t kHeld = 3;            // repeats in a row
 constexpr double kChance = 1e-3;            // that a log repeats so by itself
 constexpr double kCoarse_rad_per_s = 0.02;  // a smaller step of the speeds is noise like any other
@@ -53,13 +54,19 @@ void repair_spikes(MeasuredLog& log, std::vector<LogFault>& faults) {
     std::size_t count = 0;
     double first_s = 0;
     for (const Side side : kSides) {
-        std::vector<double> off, size;
+        double power = 0;
+        for (const MeasuredSample& s : log.samples) power += std::pow(s.speed_rad_per_s.*side, 2);
+        const double moving = kMovingShare * std::sqrt(power / double(log.samples.size()));
+        std::vector<double> off, off_moving, size_moving;  // what is usual says no standstill
         for (std::size_t i = 0; i < log.samples.size(); ++i) {
+            const double size = std::abs(log.samples[i].speed_rad_per_s.*side);
             off.push_back(std::abs(log.samples[i].speed_rad_per_s.*side - middle_of_five(log, i, side)));
-            size.push_back(std::abs(log.samples[i].speed_rad_per_s.*side));
+            if (size < moving) continue;
+            off_moving.push_back(off.back());
+            size_moving.push_back(size);
         }
-        const double limit = std::max(kSpike * kDeviationOverMedian * median(off),
-                                      kSpikeShare * kDeviationOverMedian * median(size));
+        const double limit = std::max(kSpike * kDeviationOverMedian * median(off_moving),
+                                      kSpikeShare * kDeviationOverMedian * median(size_moving));
         if (!(limit > 0)) continue;
         std::vector<std::size_t> wrong;
         for (std::size_t i = 0; i < off.size(); ++i) {
@@ -176,11 +183,19 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
             return std::abs(speed(end) - speed(end - 1)) < 1.5 * step + 2 * std::abs(next);
         });
     };
+    double repeated = alone;
+    for (const auto& [begin, end] : runs) repeated += double(end - begin);
+    std::erase_if(runs, [&](const auto& run) {
+        const auto [begin, end] = run;
+        return goes_on(end) || std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance;
+    });
+    double leaping = 0;
+    for (const auto& [begin, end] : runs) leaping += double(end - begin);
+    // most samples repeat, and many of them while the speed goes on: that is the sensor's rate
+    if (repeated > moving / 2 && leaping > repeated / 4) return;
     std::size_t count = 0;
     double first_s = 0;
     for (const auto& [begin, end] : runs) {
-        if (goes_on(end)) continue;
-        if (std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance) continue;
         if (count == 0) first_s = log.samples[begin].t_s;
         count += end - begin;
         for (std::size_t i = begin - 1; i < std::min(end + 1, unusable.size()); ++i) unusable[i] = true;

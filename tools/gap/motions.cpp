@@ -128,7 +128,7 @@ double clearness(const Confusion& c, const MeasuredLog& log) {
     const LogPart part{&log, 0, 0, log.samples.size(), 0};
     BlockSet set = make_blocks(std::array{part}, options);
     if (set.blocks.empty()) return 0;
-    weigh(set, Colour::white());
+    weigh(set, Colour{});
     Blocks blocks;
     double rows = 0;
     for (const Block& block : set.blocks) {

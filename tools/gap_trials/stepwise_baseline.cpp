@@ -105,7 +105,7 @@ class Stepwise {
         set_ = gap::make_blocks(
             std::array{gap::LogPart{&log_, 0, 0, log_.samples.size(), log_.start_heading_rad, nullptr}},
             options);
-        gap::weigh(set_, gap::Colour::white());
+        gap::weigh(set_, gap::Colour{});
         blocks_.clear();
         for (const gap::Block& block : set_.blocks) blocks_.push_back(&block);
         return blocks_.size() > 2;

@@ -7,10 +7,13 @@
 #include <utility>
 #include <vector>
 
+#include "firmware/task/robot_file.hpp"
 #include "tests/support/seeds.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tests/tools/ident/temporary_file.hpp"
 #include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/gap_heldout.hpp"
+#include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_output.hpp"
 #include "tools/gap/gap_sensors.hpp"
 //
@@ -282,6 +285,33 @@ TEST(GapFindings, backlash_leaves_the_mass_as_it_is_and_makes_the_free_run_bette
     // told is their product
     const auto& p = f.search.effects[0].parameters;
     DOUBLES_EQUAL(1, p[0].value * p[1].value / (0.08 * 0.003), 0.5);
+}
+
+TEST(GapFindings, the_written_file_alone_makes_the_free_run_that_is_told) {
+    for (const HiddenEffect& effect :
+         {HiddenEffect{"cog_lateral", 0, {0.02}}, HiddenEffect{"wheel_radius_mismatch", 0, {0.03}},
+          HiddenEffect{"coulomb_friction", 0.08, {0.1, 0.1}}}) {
+        const HiddenLog hidden = test::hidden_log(effect, 12, 0.01, kDuration_s, kRate_Hz);
+        const TemporaryFile csv;
+        const TemporaryFile file;
+        test::write_csv(hidden.log, csv.path);
+        gap::Request request;
+        request.logs = {csv.path};
+        request.geometry = hidden.geometry;
+        const gap::Findings f = gap::analyse(request);
+        STRCMP_EQUAL((" " + effect.name).c_str(), names_of(f).c_str());
+        STRCMP_EQUAL("", gap::write_robot(f, request, "", file.path).c_str());
+
+        const task::RobotFileResult read = task::read_robot_file(file.path);
+        CHECK(read.robot.has_value());
+        const model::RobotParameters& written = read.robot->parameters;
+        const gap::Logs logs = gap::read_logs(request.logs, std::nullopt);
+        const gap::Parts parts = gap::split(logs, request.geometry, {});
+        const gap::SimulatedRobot robot{written.geometry, written.dynamics, written.effects, true};
+        const gap::FreeRun whole = gap::free_runs(*parts.held_out, {std::nullopt, robot, robot}).back();
+        const double told = f.heldout.back().after.both;
+        DOUBLES_EQUAL(told, whole.after.both, 0.01 * told);
+    }
 }
 
 TEST(GapFindings, driven_straight_nothing_is_said_of_turning) {
