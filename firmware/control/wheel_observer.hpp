@@ -167,7 +167,7 @@ class WheelObserver {
             0;  // angle at the last update; `angle` counts from here, so that float keeps its digits
         Real angle{};
         Real speed{};
-        Real error{};  // acceleration error
+        Real error{};                  // acceleration error
         std::int64_t heard_ns = 0;     // receive time of the newest sample
         std::int64_t smoothed_ns = 0;  // its smoothed time
         std::int64_t off_sum_ns = 0;

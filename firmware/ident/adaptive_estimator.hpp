@@ -28,8 +28,9 @@
 //
 // Directional forgetting with the memory `memory_s`. A row that tells less than would be forgotten for it is
 // not learned from, and none while neither A nor B is excited: where nothing excites a parameter it stays,
-// however long; one held alone would leave the others wrong that go with it. Rows with slip, saturation in the drive, or a standing wheel are masked.
-// `minimum_excitation` (excitation_monitor.hpp) is for frozen(), and for believing sums of innovations.
+// however long; one held alone would leave the others wrong that go with it. Rows with slip, saturation in
+// the drive, or a standing wheel are masked. `minimum_excitation` (excitation_monitor.hpp) is for frozen(),
+// and for believing sums of innovations.
 //
 // Noise: rows are weighed by the power of their own innovations, of single rows or of sums over kRunRows,
 // whichever is larger (the second is what a model that is not complete leaves), and at least by kBestModel of
