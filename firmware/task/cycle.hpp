@@ -161,7 +161,7 @@ class Cycle {
     bool identifying_ = false;
     bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
     int resting_cycles_ = 0;
-    WheelPair<double> slow_wheels_;  // speeds, averaged
+    WheelPair<double> slow_wheels_;            // speeds, averaged
     std::array<std::int64_t, 2> report_ns_{};  // of the drives' newest torque reports
     bool bus_lost_ = false;
     int refused_torques_ = 0;

@@ -1,6 +1,7 @@
 // What the probe is made of, each against a formula or a count; the whole of it drives in `wheelwright
 // robots`.
 #include <CppUTest/TestHarness.h>
+#include <algorithm>
 #include <cmath>
 #include <numeric>
 
@@ -148,6 +149,11 @@ TEST(ProbeParts, a_centre_of_gravity_beside_the_middle_is_no_lifted_wheel) {
                 if (judged(rotors, 0.01 * left, 0.01 * inertia, 0.8) != IdentCause::none) ++called;
             }
     CHECK(called < 0.01 * weak);
+    // a drawn robot, 0.1 of the track beside the middle and more: what its wheels do to each other is little,
+    // and more than friction leaves
+    const double error = 0.0043;
+    CHECK(ident::wheel_off_ground({{1, 0.576}, {0.0065, 0.0009}}, error,
+                                  std::max(error, ident::kPushedApart)) == IdentCause::none);
 }
 
 namespace {

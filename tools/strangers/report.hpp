@@ -14,10 +14,10 @@ namespace wheelwright::tools {
 struct Aim {
     std::string key, label;
     double value = 0;
-    double least = 0, most = 0;  // the aim: between these, the ends included
+    double least = 0, most = 0;  // the aim: between these, the ends included; both infinite: none
     std::string unit, remark;
     bool reached() const { return value >= least && value <= most; }
-    std::string asked() const;  // "at most 2"
+    std::string asked() const;  // "at most 2"; "-"
 };
 
 struct RobotsRun {
