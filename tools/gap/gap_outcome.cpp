@@ -106,7 +106,7 @@ class Outcome {
         const Members mine_there = with(fewer, mine);
         const std::vector<double> mine_left = evidence_.left_out(all_, mine_there);
         for (std::size_t r = 0; r < model::kEffectCount; ++r) {
-            if (r == mine.effect || contains(fewer, r) || evidence_.excluded(r)) continue;
+            if (r == mine.effect || contains(fewer, r) || evidence_.impossible(r)) continue;
             const std::optional<BestPoint> best = evidence_.best_point(r, fewer, all_);
             if (!best || !evidence_.excited(best->way)) continue;
             // as many unknowns as the one it would stand for

@@ -305,7 +305,7 @@ TEST(GapFindings, the_written_file_alone_makes_the_free_run_that_is_told) {
         const task::RobotFileResult read = task::read_robot_file(file.path);
         CHECK(read.robot.has_value());
         const model::RobotParameters& written = read.robot->parameters;
-        const gap::Logs logs = gap::read_logs(request.logs, std::nullopt);
+        const gap::Logs logs = gap::read_logs(request.logs, std::nullopt, request.reading);
         const gap::Parts parts = gap::split(logs, request.geometry, {});
         const gap::SimulatedRobot robot{written.geometry, written.dynamics, written.effects, true};
         const gap::FreeRun whole = gap::free_runs(*parts.held_out, {std::nullopt, robot, robot}).back();
