@@ -98,12 +98,11 @@ std::string words(const Findings& f) {
         for (const FreeRun& r : f.heldout) {
             line("  " + (r.window_s > 0 ? number_text(r.window_s, 3) + " s" : std::string("all")) + ": " +
                  (r.nominal ? "given model " + error_text(r.nominal->both) + ", " : std::string()) +
-                 "before " + error_text(r.before.both) + ", after " + error_text(r.after.both) +
-                 ", noise " + number_text(f.floor_rad_per_s, 3) +
-                 (f.turning
-                      ? std::string()
-                      : "; forward, without the wheels' difference, of which nothing is said: before " +
-                            error_text(r.before.forward) + ", after " + error_text(r.after.forward)));
+                 "before " + error_text(r.before.both) + ", after " + error_text(r.after.both) + ", noise " +
+                 number_text(f.floor_rad_per_s, 3) +
+                 (f.turning ? std::string()
+                            : "; forward, without the wheels' difference, of which nothing is said: before " +
+                                  error_text(r.before.forward) + ", after " + error_text(r.after.forward)));
         }
     }
     if (f.closed_loop) {
