@@ -40,11 +40,16 @@ class GapBench(unittest.TestCase):
             self.assertNotIn("took longer", refusal["reason"])
         plain = next(m for m in figures["methods"]["list"] if m["method"] == "plain least squares")
         self.assertAlmostEqual(plain["median_over_sysid"], 1.01, delta=0.02)
+        self.assertEqual(figures["refusals"]["list"], [])
+        gap = next(m for m in figures["methods"]["list"] if m["method"] == "gap")
+        self.assertLessEqual(gap["median_over_sysid"], 1)
+        self.assertEqual(gap["worse_than_torque_alone"], 0)
 
     def test_emps_at_nine_places(self):
         figures = self.bench(os.path.join(self.data, "emps_id.csv"), "--wheel-radius", "1", "--track", "1")
         splits = figures["splits"]["list"]
         self.assertEqual([split["held_out"] for split in splits], [f"{share} %" for share in range(30, 75, 5)])
+        self.assertTrue(all(aim["reached"] for aim in figures["aims"]["list"]))
 
 
 if __name__ == "__main__":

@@ -163,7 +163,7 @@ Findings analyse(const Request& request) {
             last.search, pointers(last.train), parts.training, last.dictionary.setting(), turning);
         again = useless.has_value();
         if (!useless) continue;
-        known.excluded.push_back(*useless);
+        known.rivals_only.push_back(*useless);
         findings.notes.push_back(
             std::string(model::kEffects[*useless].name) +
             ": not looked for, because the simulated robot drives no closer to the logs with it");

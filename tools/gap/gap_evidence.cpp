@@ -255,8 +255,13 @@ double Evidence::torque_share(double gap) const {
     return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
 }
 
-bool Evidence::excluded(std::size_t effect) const {
+bool Evidence::impossible(std::size_t effect) const {
     return std::find(options_.excluded.begin(), options_.excluded.end(), effect) != options_.excluded.end();
+}
+
+bool Evidence::excluded(std::size_t effect) const {
+    const std::vector<std::size_t>& unnamed = options_.rivals_only;
+    return impossible(effect) || std::find(unnamed.begin(), unnamed.end(), effect) != unnamed.end();
 }
 
 bool Evidence::excited(const Way& way) const {

@@ -100,7 +100,8 @@ class Evidence {
 
     // The ways in which an effect may enter; those with fewer unknowns first.
     std::vector<Way> ways(std::size_t effect) const;
-    // Known not to be there.
+    // Known not to be there; and also what is not to be named.
+    bool impossible(std::size_t effect) const;
     bool excluded(std::size_t effect) const;
     // This log holds something of it.
     bool excited(const Way& way) const;

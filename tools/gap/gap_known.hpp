@@ -30,8 +30,11 @@ std::optional<std::string> wrong_beside_gyro(const Sensors::Gyro& gyro);
 struct Known {
     Points given;                       // effects that a sensor tells, and that are not refitted
     std::vector<std::size_t> excluded;  // are not there
-    double large_gap = kLargeGap;       // more left than this is not explained
-    bool white_noise = true;            // of the wheel speeds
+    // No free run gets better with them: they are not named, but may be what a like one that is named stands
+    // for.
+    std::vector<std::size_t> rivals_only;
+    double large_gap = kLargeGap;  // more left than this is not explained
+    bool white_noise = true;       // of the wheel speeds
 
     // Something is told only so well: less than `large_gap` may be left by that.
     bool roughly() const { return !given.empty() || !white_noise; }

@@ -155,6 +155,7 @@ void Looks::look() {
     search_options.base = options_.base;
     search_options.given = known.given;
     search_options.excluded = known.excluded;
+    search_options.rivals_only = known.rivals_only;
     for (std::size_t i = 0; !only_.empty() && i < model::kEffectCount; ++i) {
         if (std::find(only_.begin(), only_.end(), i) == only_.end()) search_options.excluded.push_back(i);
     }

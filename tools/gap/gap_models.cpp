@@ -116,7 +116,12 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
         if (std::find(kFrictions.begin(), kFrictions.end(), search.members[i].effect) != kFrictions.end())
             continue;
-        const Members fewer = without(search.members, i);
+        // held against a drive train with its usual friction, where it has taken the place of that
+        Members fewer = without(search.members, i);
+        for (const Way& way : search.friction) {
+            if (!contains(fewer, way.effect)) fewer.push_back(way);
+        }
+        const bool instead = fewer.size() >= search.members.size();
         ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning, {}};
         for (const Way& way : fewer) {
             shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
@@ -124,8 +129,8 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
         }
         if (!with_all) with_all = missed(search.members, search.after);
         const double without_it = missed(fewer, fit(train, shape, Spread::left_out));
-        // one that runs away is no number
-        if (std::isfinite(without_it) && !(*with_all < (1 + kTrifle) * without_it))
+        // one that runs away is no number; friction in its place is likelier, unless it does better
+        if (std::isfinite(without_it) && !(*with_all < (instead ? 1 : 1 + kTrifle) * without_it))
             return search.members[i].effect;
     }
     return std::nullopt;

@@ -18,6 +18,8 @@ bool is_special_case(std::size_t special, std::size_t general) {
     });
 }
 
+constexpr double kQuantile = 1.96;
+
 class Outcome {
   public:
     Outcome(const Evidence& evidence, const std::map<std::size_t, double>& probability, Search& result)
@@ -47,6 +49,7 @@ class Outcome {
                                evidence_.rows() / closable,
                            0.0, 1.0);
             find_rivals(fewer, members_[i], bare, with_all, squares(all_.blocks, bare) - with_all, named);
+            add_friction_beside(members_[i], named);
             result_.effects.push_back(named);
         }
         std::sort(result_.effects.begin(), result_.effects.end(),
@@ -54,6 +57,32 @@ class Outcome {
     }
 
   private:
+    // The other friction, which this log leaves open: how much of the drag is dry it does not tell.
+    void add_friction_beside(const Way& mine, NamedEffect& named) const {
+        const auto is_usual = [](std::size_t effect) {
+            return std::find(kFrictions.begin(), kFrictions.end(), effect) != kFrictions.end();
+        };
+        if (!is_usual(mine.effect)) return;
+        for (const Way& way : result_.friction) {
+            if (contains(members_, way.effect)) continue;
+            const Members more = with(members_, way);
+            const Fit f = evidence_.fit(all_, more);
+            if (!evidence_.in_range(all_, more, f)) continue;
+            Fit most = f;  // that it may be
+            most.covariance.resize(0, 0);
+            const Eigen::Index at = first_amount_of(more, more.size() - 1);
+            most.value(at) += kQuantile * f.error(at);
+            if (evidence_.effect_torque_share(more, more.size() - 1, most) < kSizeOfInterest) continue;
+            std::erase_if(named.rivals, [&](const Rival& r) { return r.effect == way.effect; });
+            std::erase_if(named.ruled_out, [&](const Rival& r) { return r.effect == way.effect; });
+            Rival rival;
+            rival.effect = way.effect;
+            rival.richer = true;
+            rival.keeps = 1;
+            named.rivals.push_back(rival);
+        }
+    }
+
     // NamedEffect::unmoved.
     std::vector<double> unmoved_by(std::size_t member) const {
         std::vector<double> errors(model::kEffects[members_[member].effect].parameters.size(), 0.0);
@@ -106,7 +135,7 @@ class Outcome {
         const Members mine_there = with(fewer, mine);
         const std::vector<double> mine_left = evidence_.left_out(all_, mine_there);
         for (std::size_t r = 0; r < model::kEffectCount; ++r) {
-            if (r == mine.effect || contains(fewer, r) || evidence_.excluded(r)) continue;
+            if (r == mine.effect || contains(fewer, r) || evidence_.impossible(r)) continue;
             const std::optional<BestPoint> best = evidence_.best_point(r, fewer, all_);
             if (!best || !evidence_.excited(best->way)) continue;
             // as many unknowns as the one it would stand for

@@ -26,6 +26,11 @@ std::string words_of(const Rival& rival) {
     return rival.motion != nullptr ? std::string(rival.motion->words) : "another motion";
 }
 
+// A free run that has no figure has run away (gap_heldout.hpp).
+std::string error_text(double error_rad_per_s) {
+    return std::isfinite(error_rad_per_s) ? number_text(error_rad_per_s, 3) : "runs away";
+}
+
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
 
 struct KFigure {
@@ -92,13 +97,12 @@ std::string words(const Findings& f) {
         line("Free run on " + number_text(f.heldout_s, 3) + " s held out, wheel speed error in rad/s RMS:");
         for (const FreeRun& r : f.heldout) {
             line("  " + (r.window_s > 0 ? number_text(r.window_s, 3) + " s" : std::string("all")) + ": " +
-                 (r.nominal ? "given model " + number_text(r.nominal->both, 3) + ", " : std::string()) +
-                 "before " + number_text(r.before.both, 3) + ", after " + number_text(r.after.both, 3) +
-                 ", noise " + number_text(f.floor_rad_per_s, 3) +
-                 (f.turning
-                      ? std::string()
-                      : "; forward, without the wheels' difference, of which nothing is said: before " +
-                            number_text(r.before.forward, 3) + ", after " + number_text(r.after.forward, 3)));
+                 (r.nominal ? "given model " + error_text(r.nominal->both) + ", " : std::string()) +
+                 "before " + error_text(r.before.both) + ", after " + error_text(r.after.both) + ", noise " +
+                 number_text(f.floor_rad_per_s, 3) +
+                 (f.turning ? std::string()
+                            : "; forward, without the wheels' difference, of which nothing is said: before " +
+                                  error_text(r.before.forward) + ", after " + error_text(r.after.forward)));
         }
     }
     if (f.closed_loop) {

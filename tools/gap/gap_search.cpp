@@ -12,8 +12,9 @@
 namespace wheelwright::gap {
 namespace {
 
-double least_share(const Members& members) {
-    return members.size() > 1 ? kSizeOfInterest : kSizeOfInterestAlone;
+double least_share(const Members& members, const Way& way) {
+    const bool usual = std::find(kFrictions.begin(), kFrictions.end(), way.effect) != kFrictions.end();
+    return members.size() > 1 && !usual ? kSizeOfInterest : kSizeOfInterestAlone;
 }
 
 class Searcher {
@@ -32,11 +33,13 @@ class Searcher {
         result_.gap_refit = evidence_.cross_validated(all_, members_) / evidence_.rows();
         result_.floor = floor_of(members_);
         result_.detectable = detectable(evidence_);
+        result_.friction = evidence_.friction();
         begin_with_friction();
         forward();
         backward();
         exchange();
         merge();
+        put_friction_back();
         drop_trifles();
         result_.after = evidence_.fit(all_, members_);
         result_.gap_after = evidence_.cross_validated(all_, members_) / evidence_.rows();
@@ -145,7 +148,7 @@ class Searcher {
             const Fit selected = evidence_.fit_of_part(select_, more);
             if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
             t.in_range = evidence_.in_range(select_, more, selected);
-            t.of_interest = evidence_.effect_torque_share(more, last, selected) >= least_share(more);
+            t.of_interest = evidence_.effect_torque_share(more, last, selected) >= least_share(more, way);
             t.confirmed = confirmed(bare.fit, selected);
             // one amount for both unless two are clearly apart
             if (tried.size() == 1 || best.gain == 0 ||
@@ -206,27 +209,46 @@ class Searcher {
         return now - std::min(now, evidence_.reach(select_, members_));
     }
 
-    // All friction at once, less what is not surely there beside the rest.
+    // All friction at once, less what is not surely there beside the rest. A drive train that surely has one
+    // friction is likely to have the other.
     void begin_with_friction() {
         const Members& friction = evidence_.friction();
         members_.insert(members_.end(), friction.begin(), friction.end());
         while (members_.size() > base_members_) {
             std::optional<std::size_t> least;
             double least_gain = 0;
+            bool sure = false;
             for (std::size_t i = base_members_; i < members_.size(); ++i) {
                 const Trial t = attempt(members_[i].effect, fitted_without(without(members_, i)));
-                probability_[members_[i].effect] = t.probability;
-                const bool there = t.probability <= kSignificance && t.in_range && t.of_interest;
+                // whether it is there, whatever the folds say of how well it foretells
+                const double probability =
+                    evidence_.probability_of_last(select_, with(without(members_, i), members_[i]));
+                probability_[members_[i].effect] = probability;
+                const bool there = probability <= kSuperfluous && t.in_range && t.of_interest;
+                sure = sure || (there && probability <= kSignificance);
                 if (there || (least && t.gain >= least_gain)) continue;
                 least = i;
                 least_gain = t.gain;
             }
-            if (!least) break;
-            members_ = without(members_, *least);
+            if (!least && sure) break;
+            members_ = without(members_, least.value_or(base_members_));
         }
         take_apart();
         evidence_.set_friction({members_.begin() + std::ptrdiff_t(base_members_), members_.end()});
         closable_at_first_ = closable();
+    }
+
+    // Friction that another effect has taken the place of may be there beside it.
+    void put_friction_back() {
+        for (const Way& way : evidence_.friction()) {
+            if (contains(members_, way.effect)) continue;
+            const Members more = with(members_, way);
+            const double probability = evidence_.probability_of_last(all_, more);
+            if (probability > kSuperfluous || !evidence_.in_range(all_, more, evidence_.fit(all_, more)))
+                continue;
+            probability_[way.effect] = probability;
+            members_ = more;
+        }
     }
 
     bool is_friction(const Way& way) const { return contains(evidence_.friction(), way.effect); }
@@ -346,7 +368,8 @@ class Searcher {
             const bool little = !is_friction(members_[i]) && gain < kLeastShareOfAll * closable_at_first_;
             const bool needed = !little && (much || evidence_.probability_of_last(
                                                         all_, with(fewer, members_[i])) <= kSuperfluous);
-            if (needed && evidence_.effect_torque_share(members_, i, f) >= least_share(members_)) {
+            if (needed &&
+                evidence_.effect_torque_share(members_, i, f) >= least_share(members_, members_[i])) {
                 ++i;
             } else {
                 members_ = fewer;
@@ -358,7 +381,7 @@ class Searcher {
     void drop_trifles() {
         for (std::size_t i = base_members_; i < members_.size();) {
             if (evidence_.effect_torque_share(members_, i, evidence_.fit(all_, members_)) >=
-                least_share(members_)) {
+                least_share(members_, members_[i])) {
                 ++i;
             } else {
                 members_ = without(members_, i);
@@ -475,11 +498,13 @@ const char* verdict_name(Verdict verdict) {
 
 std::vector<std::string> unknowable(const Fit& f, bool turning) {
     std::vector<std::string> names;
+    // a gain is known once it is surely one: its error is written beside it
+    constexpr double kClear = 3;  // of zero, standard errors
     const auto unknown = [&](Eigen::Index i, double scale) { return !(f.error(i) < scale); };
     if (unknown(0, 0.02)) names.emplace_back("K5");
     if (!turning || unknown(1, 0.5 * std::max(1.0, std::abs(f.value(1))))) names.emplace_back("K6");
-    if (f.shape.held_gain[kLinear] || unknown(2, 0.2 * std::abs(f.value(2)))) names.emplace_back("K7");
-    if (!turning || unknown(3, 0.2 * std::abs(f.value(3)))) names.emplace_back("K8");
+    if (f.shape.held_gain[kLinear] || unknown(2, std::abs(f.value(2)) / kClear)) names.emplace_back("K7");
+    if (!turning || unknown(3, std::abs(f.value(3)) / kClear)) names.emplace_back("K8");
     return names;
 }
 

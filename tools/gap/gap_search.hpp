@@ -62,6 +62,7 @@ struct SearchOptions {
     model::EffectSet<double> base;           // effects that the model has already; refitted
     Points given;                            // effects that are known otherwise, and are not refitted
     std::vector<std::size_t> excluded;       // known not to be there
+    std::vector<std::size_t> rivals_only;    // not named
     double large_gap = kLargeGap;            // more left than this is not explained
     bool white_noise = true;                 // the sensors' noise is, so that more than it is something
     std::vector<std::size_t> confirmed;      // found by an earlier look, whose confirming blocks agreed
@@ -79,9 +80,10 @@ struct Search {
     std::vector<Detectable> detectable;
     std::vector<Way> members;  // of `after`, in its order: first those of the base
     std::size_t base_members = 0;
-    std::size_t blocks = 0;  // that it was fitted to
-    Fit base;                // without the named effects
-    Fit after;               // with them
+    std::vector<Way> friction;  // that the log could show, whether it is there or not
+    std::size_t blocks = 0;     // that it was fitted to
+    Fit base;                   // without the named effects
+    Fit after;                  // with them
     // Where nothing could be named, yet much is missing: with the two effects that gain most, surely there or
     // not. Its K5..K8 are likelier than the base's.
     std::optional<Fit> guess;
