@@ -32,8 +32,9 @@ constexpr double kPeriodTolerance = 0.2;
 // A report may miss the commands' range by this share of the largest command.
 constexpr double kFollowTolerance = 0.15;
 
-// 1 / b of a drive's encoder loop, from p(t) - p(0) - integral of v = 2 / b (v(t) - v(0)). The noise of v is the
-// loop's own and obeys the same law; what the integral between reports lacks is as likely to add to either end.
+// 1 / b of a drive's encoder loop, from p(t) - p(0) - integral of v = 2 / b (v(t) - v(0)). The noise of v is
+// the loop's own and obeys the same law; what the integral between reports lacks is as likely to add to
+// either end.
 class EncoderLoop {
   public:
     void take(const drivers::DriveFeedback& f, double period_s) {

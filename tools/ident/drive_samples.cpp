@@ -172,10 +172,11 @@ SampledLog read_sampled_log(const std::string& path, const std::optional<model::
     if (!read.problems.empty()) return read;
     if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
         std::array<char, 160> text{};
-        std::snprintf(text.data(), text.size(),
-                      "the drives' encoder loops have %.3g (left) and %.3g rad/s (right), by what they report: "
-                      "the torques are taken through them as well",
-                      1 / lag.left, 1 / lag.right);
+        std::snprintf(
+            text.data(), text.size(),
+            "the drives' encoder loops have %.3g (left) and %.3g rad/s (right), by what they report: "
+            "the torques are taken through them as well",
+            1 / lag.left, 1 / lag.right);
         read.notes.push_back(path + ": " + text.data());
     }
     read.logs = even_samples(log, *robot);

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Healthy robots on their bus: `wheelwright gap` finds nothing missing in their logs, whatever the drives' encoder loops.
 
-usage: healthy_bus_logs.py WHEELWRIGHT [COUNT [SEED]]
+usage: healthy_bus_logs.py WHEELWRIGHT [COUNT [SEED [FOLDER]]]     FOLDER: keeps logs and answers
 
 Robots that nobody tuned for are drawn (`wheelwright robots`). What a tape measure got wrong is put right and the frictions are
 in the model, so that nothing is missing. The drives' encoder loops have 200 to 8000 rad/s, in turn, and both generations.
@@ -17,6 +17,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 LOOPS_rad_per_s = (1000, 200, 8000, 500, 2000, 4000)
 ACTIONS = ("ident", "figure-eight")
+SLOWEST_UNSEEN_rad_per_s = 4000  # half a tick of the drive (8 kHz) is a tenth of 2 / bandwidth, or more
+LOOP_WITHIN = 0.1
 
 
 def with_value(text, table, key, value):
@@ -43,7 +45,7 @@ class Robot:
     def __init__(self, program, folder, number):
         self.program, self.folder, self.number = program, folder, number
         self.loop_rad_per_s = LOOPS_rad_per_s[(number - 1) % len(LOOPS_rad_per_s)]
-        self.generation = 5 + (number - 1) // len(LOOPS_rad_per_s) % 2 if number > 2 else 4 + number
+        self.generation = 5 + (number + (number - 1) // len(LOOPS_rad_per_s)) % 2  # each loop with both, in turn
         with open(os.path.join(folder, "robot.toml"), encoding="utf-8") as file:
             robot = file.read()
         with open(os.path.join(folder, "plant.toml"), encoding="utf-8") as file:
@@ -52,6 +54,9 @@ class Robot:
             plant = with_value(plant, f"drive.{side}", "torque_scale", 1.0)
             constant = value_of(robot, f"drive.{side}", "torque_constant_Nm_per_A")
             plant = with_value(plant, f"drive.{side}", "torque_constant_Nm_per_A", constant)
+        # neither drive clips
+        limit_A = 3 * float(value_of(plant, "simulation", "current_limit_A"))
+        plant = with_value(plant, "simulation", "current_limit_A", limit_A)
         for key in ("wheel_radius_m", "track_m"):
             robot = with_value(robot, "geometry", key, value_of(plant, "geometry", key))
         robot = re.sub(r"^\[effects\.[^\[]*", "", robot, flags=re.M)
@@ -81,20 +86,21 @@ class Robot:
         if not os.path.exists(os.path.join(out, "gap.json")):
             return "no answer", text.splitlines()[-1:]
         with open(os.path.join(out, "gap.json"), encoding="utf-8") as file:
-            self.answer = json.load(file)
-        self.text = text
+            answer = json.load(file)
+        for value in re.search(r"encoder loops have (\S+) \(left\) and (\S+) ", text).groups():
+            if self.loop_rad_per_s < SLOWEST_UNSEEN_rad_per_s and abs(float(value) / self.loop_rad_per_s - 1) > LOOP_WITHIN:
+                return "loop misread", [value]
         words = [f"{e['name']} {p['value']:.3g} +- {p['standard_error']:.2g}"
-                 for e in self.answer["effects"] for p in e["parameters"]]
-        return self.answer["verdict"], words
+                 for e in answer["effects"] for p in e["parameters"]]
+        return answer["verdict"], words
 
 
 def main():
     program = sys.argv[1]
     count = int(sys.argv[2]) if len(sys.argv) > 2 else 6
     seed = sys.argv[3] if len(sys.argv) > 3 else "1"
-    keep = os.environ.get("KEEP")
-    with tempfile.TemporaryDirectory() as folder:
-        folder = keep or folder
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = sys.argv[4] if len(sys.argv) > 4 else temporary
         subprocess.run([program, "robots", "--seed", seed, "--count", str(count), "--draw-only", "--write", folder], check=True)
         robots = [Robot(program, os.path.join(folder, str(n)), n) for n in range(1, count + 1)]
         with ThreadPoolExecutor(2) as pool:
