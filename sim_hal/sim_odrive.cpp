@@ -315,8 +315,14 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
     const double c3 = last_speed_ + speed - 2 * moved;
     const double start = last_counts_ - origin_counts_;
 
-    const double kp = 2 * config_.filter_bandwidth_rad_per_s * kPeriod_s;
-    const double ki = config_.filter_bandwidth_rad_per_s * config_.filter_bandwidth_rad_per_s * kPeriod_s;
+    double kp = 2 * config_.filter_bandwidth_rad_per_s * kPeriod_s;
+    double ki = config_.filter_bandwidth_rad_per_s * config_.filter_bandwidth_rad_per_s * kPeriod_s;
+    // An ODrive refuses such gains, which swing up; a quicker drive has the same two poles.
+    if (kp > 1) {
+        const double pole = exp_minus(config_.filter_bandwidth_rad_per_s * kPeriod_s);
+        kp = 1 - pole * pole;
+        ki = (1 - pole) * (1 - pole) / kPeriod_s;
+    }
     std::array<double, kReadingsPerMs> readings;
     std::uint64_t bits = 0;
     for (std::size_t i = 0; i < kReadingsPerMs; ++i) {

@@ -12,8 +12,8 @@
 //   silent). When it runs out the error bit appears and the axis is idle: the wheel coasts.
 // - Cyclic messages at whole milliseconds of the drive's own, slightly wrong clock, with a phase of its own.
 // - Encoder counts with (uniform, white) noise, read 8000 times a second into the drive's tracking filter
-// (two real poles at
-//   the bandwidth); position in revolutions as a float, which loses resolution as it grows.
+//   (two real poles at the bandwidth, above 4000 rad/s too, where an ODrive refuses); position in revolutions
+//   as a float, which loses resolution as it grows.
 // - Torque: limited by current, first-order lag, noise held for a millisecond, ripple with the motor angle.
 //
 // Time is an argument everywhere. Threads: one. No call after the constructor allocates or throws.

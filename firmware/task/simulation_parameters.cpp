@@ -19,7 +19,7 @@ constexpr double kPi = 3.14159265358979323846;
 const std::array kTable{
     WW_NUMBER(encoder_counts_per_turn, "", true, 8192.0, 16.0, 16777216.0, "encoder counts in a motor turn"),
     WW_NUMBER(encoder_noise_rad, "rad", false, 0.0002, 0.0, 0.1, "standard deviation of an encoder reading, as an angle of the wheel"),
-    WW_NUMBER(velocity_filter_rad_per_s, "rad/s", false, 1000.0, 10.0, 20000.0, "bandwidth of the drives' own velocity estimate"),
+    WW_NUMBER(velocity_filter_rad_per_s, "rad/s", false, 1000.0, 10.0, 20000.0, "bandwidth of the drives' encoder loop, which makes their position and speed"),
     WW_NUMBER(torque_lag_s, "s", false, 0.0005, 0.0, 0.1, "time constant from set-point to torque"),
     WW_NUMBER(torque_noise_Nm, "Nm", false, 0.02, 0.0, 10.0, "standard deviation of the torque's noise at the wheel"),
     WW_NUMBER(torque_ripple_Nm, "Nm", false, 0.0, 0.0, 10.0, "amplitude of the torque's ripple at the wheel"),

@@ -32,6 +32,39 @@ constexpr double kPeriodTolerance = 0.2;
 // A report may miss the commands' range by this share of the largest command.
 constexpr double kFollowTolerance = 0.15;
 
+// 1 / b of a drive's encoder loop, from p(t) - p(0) - integral of v = 2 / b (v(t) - v(0)). The noise of v is
+// the loop's own and obeys the same law; what the integral between reports lacks is as likely to add to
+// either end.
+class EncoderLoop {
+  public:
+    void take(const drivers::DriveFeedback& f, double period_s) {
+        if (f.encoder_time_ns == time_ns_) return;
+        const bool follows =
+            time_ns_ > 0 && std::abs(1e-9 * double(f.encoder_time_ns - time_ns_) - period_s) < period_s / 2;
+        time_ns_ = f.encoder_time_ns;
+        if (follows) path_rad_ += period_s * (last_rad_per_s_ + f.speed_rad_per_s) / 2;
+        last_rad_per_s_ = f.speed_rad_per_s;
+        passed_s_ += period_s;
+        if (follows && passed_s_ < kSpan_s) return;
+        if (follows) {
+            const double gained = f.speed_rad_per_s - from_rad_per_s_;
+            product_ += gained * (f.position_rad - from_rad_ - path_rad_);
+            square_ += gained * gained;
+        }
+        from_rad_ = f.position_rad;
+        from_rad_per_s_ = f.speed_rad_per_s;
+        path_rad_ = passed_s_ = 0;
+    }
+    double lag_s() const { return square_ > 0 ? std::max(0.0, product_ / square_ / 2) : 0.0; }
+
+  private:
+    static constexpr double kSpan_s = 0.02;  // long beside a period, short beside a clock's error
+    std::int64_t time_ns_ = 0;
+    double last_rad_per_s_ = 0, from_rad_ = 0, from_rad_per_s_ = 0;
+    double path_rad_ = 0, passed_s_ = 0;
+    double product_ = 0, square_ = 0;
+};
+
 struct Command {
     std::int64_t time_ns = 0;
     double torque_Nm = 0;
@@ -41,7 +74,8 @@ struct Command {
 class DriveView {
   public:
     DriveView(const model::RobotParameters& robot, Wheel wheel)
-        : config_(drivers::odrive_config(robot, wheel)),
+        : encoder_period_s_(1e-3 * robot.drive.encoder_period_ms),
+          config_(drivers::odrive_config(robot, wheel)),
           drive_(drivers::make_drive(slot_, robot, wheel)),
           wheel_per_motor_torque_(config_.sign * config_.gear_ratio * config_.torque_scale) {}
 
@@ -73,12 +107,14 @@ class DriveView {
         if (drive_->counters().wrong_length != before.wrong_length) return "frame of the wrong length";
         if ((frame.id & 0x1FU) == gen6::Heartbeat::command) take_state(bytes);
         reported_ = drive_->feedback().torque_time_ns != torque_before_ns;
+        encoder_loop_.take(drive_->feedback(), encoder_period_s_);
         return "";
     }
 
     const std::optional<Command>& command() const { return command_; }
     const drivers::DriveFeedback& feedback() const { return drive_->feedback(); }
     bool closed_loop() const { return closed_loop_; }
+    double encoder_lag_s() const { return encoder_loop_.lag_s(); }
 
     // True when the last frame was a torque report that none of the recent commands explains.
     bool not_followed(std::int64_t now_ns, double largest_Nm) const {
@@ -114,6 +150,8 @@ class DriveView {
         }
     }
 
+    double encoder_period_s_;
+    EncoderLoop encoder_loop_;
     drivers::OdriveConfig config_;
     drivers::DriveSlot slot_;
     drivers::MotorDrive* drive_;
@@ -280,6 +318,7 @@ class Reader {
     }
 
     void finish() {
+        log_.encoder_lag_s = {left_.encoder_lag_s(), right_.encoder_lag_s()};
         if (!log_.problems.empty()) return;
         const auto refuse = [this](std::string text) { log_.problems.push_back({0, std::move(text)}); };
         if (log_.frames == 0) {

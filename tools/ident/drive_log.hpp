@@ -5,6 +5,10 @@
 // come late. A cycle's start is its commands' time less the sending phase and the time of one frame on the
 // bus. Angles come from the encoder frames as the firmware's WheelObserver gives them.
 //
+// A drive's encoder loop gives both the position p and the speed v that it reports, and of them holds,
+// whatever the wheel does, p' = v + 2 / b v' (b: its bandwidth, critically damped): so the log itself tells
+// b.
+//
 // A sample is not usable where an axis was not in closed loop, where its encoder was not heard, where a
 // command is missing, or where the drive reported another torque than commanded.
 #pragma once
@@ -32,6 +36,7 @@ struct DriveLog {
     std::uint64_t not_followed = 0;  // those that differ from the command
     double largest_torque_Nm = 0;
     WheelPair<bool> torque_changes, turns;
+    WheelPair<double> encoder_lag_s;    // 1 / b of the drives' encoder loops; 0: none is seen
     std::vector<LineProblem> notes;     // left out, and why
     std::vector<LineProblem> problems;  // set: unusable
 };

@@ -1,7 +1,9 @@
 #include "tools/ident/drive_samples.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdio>
 #include <iterator>
 #include <span>
 
@@ -40,6 +42,54 @@ struct TorqueWeights {
     }
 };
 
+// What a drive's encoder loop makes of a torque as it does of the angle: (2 b s + b^2) / (s + b)^2, as means
+// over cycles of a torque that each cycle holds.
+class EncoderLoop {
+  public:
+    explicit EncoderLoop(double lag_s)
+        : cycles_(task::kCyclePeriod_s / lag_s), none_(!(cycles_ < kQuick)), end_(std::exp(-cycles_)) {}
+
+    void restart(double torque) {
+        torque_ = torque;
+        off_ = slope_ = 0;
+    }
+    double mean(double torque) {
+        if (none_) return torque;
+        const double step = torque - torque_;
+        torque_ = torque;
+        off_ -= step;  // after t of the time constants it is off by (off + slope t) exp(-t)
+        slope_ += step;
+        const double mean = (off_ * (1 - end_) + slope_ * (1 - end_ * (1 + cycles_))) / cycles_;
+        off_ = end_ * (off_ + slope_ * cycles_);
+        slope_ *= end_;
+        return torque + mean;
+    }
+
+  private:
+    static constexpr double kQuick = 50;  // time constants in a cycle: done within it, or none was seen
+    double cycles_;
+    bool none_;
+    double end_;
+    double torque_ = 0, off_ = 0, slope_ = 0;
+};
+
+// What was told in each cycle, through the encoder loops.
+std::vector<WheelPair<double>> torques_Nm(const DriveLog& log) {
+    std::vector<WheelPair<double>> made;
+    made.reserve(log.cycles.size());
+    EncoderLoop left(log.encoder_lag_s.left);
+    EncoderLoop right(log.encoder_lag_s.right);
+    for (const DriveLog::Cycle& cycle : log.cycles) {
+        const WheelPair<double>& told = cycle.sample.last_torque_Nm;
+        if (cycle.restart) {
+            left.restart(told.left);
+            right.restart(told.right);
+        }
+        made.push_back({left.mean(told.left), right.mean(told.right)});
+    }
+    return made;
+}
+
 }  // namespace
 
 std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot) {
@@ -53,6 +103,7 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
     const TorqueWeights torque(period, age, robot.velocity_loop.actuation_delay_s / cycle_s);
     const auto before = std::max(half, -torque.first);  // cycles needed before a sample
     const std::span<const DriveLog::Cycle> cycles = log.cycles;
+    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log);
     bool any = false;
     double first_heading_rad = 0;
     for (std::size_t begin = 0; begin < cycles.size();) {
@@ -60,6 +111,7 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
         while (end < cycles.size() && cycles[end].sample.usable && (end == begin || !cycles[end].restart))
             ++end;
         const std::span<const DriveLog::Cycle> run = cycles.subspan(begin, end - begin);
+        const std::span run_Nm = std::span(told_Nm).subspan(begin, end - begin);
         begin = std::max(end, begin + 1);
         const auto length = static_cast<std::ptrdiff_t>(run.size());
         if (static_cast<double>(length) * cycle_s < kShortestStretch_s) continue;
@@ -80,7 +132,7 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
                 // what was told in a cycle stands in the one after it
                 const std::ptrdiff_t told = n + torque.first + static_cast<std::ptrdiff_t>(i) + 1;
                 const std::ptrdiff_t at = std::clamp<std::ptrdiff_t>(told, 0, length - 1);
-                const WheelPair<double>& t = run[static_cast<std::size_t>(at)].sample.last_torque_Nm;
+                const WheelPair<double>& t = run_Nm[static_cast<std::size_t>(at)];
                 sample.torque_Nm.left += torque.weight[i] * t.left;
                 sample.torque_Nm.right += torque.weight[i] * t.right;
             }
@@ -118,6 +170,15 @@ SampledLog read_sampled_log(const std::string& path, const std::optional<model::
     say(read.notes, log.notes);
     say(read.problems, log.problems);
     if (!read.problems.empty()) return read;
+    if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
+        std::array<char, 160> text{};
+        std::snprintf(
+            text.data(), text.size(),
+            "the drives' encoder loops have %.3g (left) and %.3g rad/s (right), by what they report: "
+            "the torques are taken through them as well",
+            1 / lag.left, 1 / lag.right);
+        read.notes.push_back(path + ": " + text.data());
+    }
     read.logs = even_samples(log, *robot);
     if (read.logs.empty()) {
         read.problems.push_back(path +

@@ -4,8 +4,9 @@
 // A sample's speed is the mean over one sampling period around it, from angles alone. The torque from it to
 // the next sample is the commands' mean with the weight (a triangle) that makes
 //     speed difference = period x K x torque
-// exact for these speeds; commands count from when they act, by the robot file's actuation delay. So nothing
-// is smoothed on one side only.
+// exact for these speeds; commands count from when they act, by the robot file's actuation delay. The angles
+// are those of the drives' encoder loops, which the torques pass through as well (DriveLog::encoder_lag_s).
+// So nothing is smoothed on one side only.
 #pragma once
 
 #include <optional>

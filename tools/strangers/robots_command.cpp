@@ -27,6 +27,7 @@ struct Options {
     std::size_t only = 0;
     std::size_t jobs = 0;
     bool faults = false;
+    bool draw_only = false;
     std::string log;
     std::string write;
     std::string page;
@@ -71,6 +72,7 @@ int run_command(const Options& options) {
         std::fprintf(stderr, "wheelwright robots: %s\n", error.what());
         return kMachineLacks;
     }
+    if (options.draw_only) return kDone;
     catch_interrupt();
     TrialOptions settings;
     settings.log_path = options.log;
@@ -124,8 +126,9 @@ void add_robots(const CommandLine& program, Run& run) {
         .show_default();
     command.add_option("--log", options->log, "Write its bus's frames to this file, as candump -L does")
         .needs(only);
-    command.add_option("--write", options->write,
-                       "Write each robot's robot.toml and plant.toml into this folder");
+    const Option write = command.add_option("--write", options->write,
+                                            "Write each robot's robot.toml and plant.toml into this folder");
+    command.add_flag("--draw-only", options->draw_only, "Write the files and drive nothing").needs(write);
     command.add_option("--page", options->page, "Write a page (HTML) to this file");
     command.add_option("--json", options->json, "Write the figures to this file");
     command.callback([options, &run] {
