@@ -12,6 +12,7 @@ using namespace wheelwright;
 using ident::Mirror;
 using test::RobotTruth;
 using test::TestRobot;
+using test::with_k5;
 
 TEST_GROUP(MirrorImage){};
 
@@ -45,13 +46,6 @@ ident::IdentCause end_with(const RobotTruth& truth, int wrong_side, bool& signs_
     }
     signs_agree = run.signs_agree();
     return run.cause();
-}
-
-RobotTruth with_k5(double k5_m) {
-    RobotTruth truth;
-    truth.k5 = k5_m;
-    truth.k6 = -k5_m * 2 * truth.k8 / (truth.track_m * truth.k7);
-    return truth;
 }
 
 }  // namespace

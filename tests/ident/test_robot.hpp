@@ -28,6 +28,14 @@ struct RobotTruth {
     double angle_noise_rad = 0.0002;
 };
 
+// The notes' robot with its centre of gravity elsewhere; K6 goes with K5.
+inline RobotTruth with_k5(double k5_m) {
+    RobotTruth truth;
+    truth.k5 = k5_m;
+    truth.k6 = -k5_m * 2 * truth.k8 / (truth.track_m * truth.k7);
+    return truth;
+}
+
 class TestRobot {
   public:
     TestRobot(const RobotTruth& truth, std::uint64_t seed) : truth_(truth), random_(seed) { measure(); }

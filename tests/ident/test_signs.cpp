@@ -13,6 +13,7 @@ using namespace wheelwright;
 using ident::IdentCause;
 using test::RobotTruth;
 using test::TestRobot;
+using test::with_k5;
 
 TEST_GROUP(UnknownSigns){};
 
@@ -84,13 +85,6 @@ Drive drive(const RobotTruth& truth, double left, double right, double yaw_rate_
         if (!run.signs_known()) result.before_m_per_s = result.fastest_m_per_s;
     }
     return result;
-}
-
-RobotTruth with_k5(double k5_m) {
-    RobotTruth truth;
-    truth.k5 = k5_m;
-    truth.k6 = -k5_m * 2 * truth.k8 / (truth.track_m * truth.k7);
-    return truth;
 }
 
 }  // namespace

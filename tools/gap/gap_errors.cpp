@@ -6,13 +6,9 @@
 #include <string_view>
 
 #include "tools/gap/gap_points.hpp"
+#include "tools/gap/gap_statistics.hpp"
 
 namespace wheelwright::gap {
-namespace {
-
-constexpr double kNormal = 1.96;  // standard errors of a 95 % interval
-
-}  // namespace
 
 std::vector<ParameterEstimate> estimates_of(const Way& way, const Eigen::VectorXd& amount,
                                             const Eigen::MatrixXd& cov, const Setting& setting,
@@ -20,7 +16,7 @@ std::vector<ParameterEstimate> estimates_of(const Way& way, const Eigen::VectorX
     const auto& info = model::kEffects[way.effect].parameters;
     const Eigen::Index count = amount.size();
     const double degrees = std::max(1.0, double(blocks) - 4);
-    const double quantile = 1.96 + 2.4 / degrees + 3.0 / (degrees * degrees);
+    const double quantile = kNormalQuantile + 2.4 / degrees + 3.0 / (degrees * degrees);
     const auto value_at = [&](const Eigen::VectorXd& a) { return parameters_of(way, a, setting).first; };
     const model::Parameters<double> p = value_at(amount);
     std::vector<ParameterEstimate> estimates;
@@ -91,11 +87,11 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
         const bool open = way.leaves_open && j == way.hidden;
         if (open) more = std::hypot(more, grid_of(way.effect, setting).likely_move[j]);
         const double quantile =
-            p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormal;
+            p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormalQuantile;
         p.value *= scale;
         p.standard_error = std::hypot(scale * p.standard_error, unsure * p.value, more);
         p.known = (p.known || unmoved[j] > 0) && !open;
-        const double half = std::max(quantile, kNormal) * p.standard_error;
+        const double half = std::max(quantile, kNormalQuantile) * p.standard_error;
         p.interval_95 = {p.value - half, p.value + half};
     }
 }

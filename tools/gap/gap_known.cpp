@@ -6,6 +6,8 @@
 #include <numbers>
 #include <utility>
 
+#include "tools/gap/gap_statistics.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
@@ -13,7 +15,6 @@ constexpr std::size_t kLag = model::find_effect("measurement_lag");
 constexpr std::size_t kCounts = model::find_effect("encoder_quantisation");
 constexpr std::size_t kMismatch = model::find_effect("wheel_radius_mismatch");
 constexpr double kSmallMismatch = 0.004;  // of the wheels' radii
-constexpr double kQuantile = 1.96;
 
 bool is_among(std::span<const std::size_t> effects, std::size_t effect) {
     return std::find(effects.begin(), effects.end(), effect) != effects.end();
@@ -25,7 +26,7 @@ bool shows(const std::vector<SensorEffect>& effects, std::size_t effect) {
 }
 
 ParameterEstimate estimate(double value, double error) {
-    return {value, error, {value - kQuantile * error, value + kQuantile * error}, true};
+    return {value, error, {value - kNormalQuantile * error, value + kNormalQuantile * error}, true};
 }
 
 // How much the robot turns as it drives straight on, as a difference of the radii over their mean.

@@ -18,8 +18,6 @@ bool is_special_case(std::size_t special, std::size_t general) {
     });
 }
 
-constexpr double kQuantile = 1.96;
-
 class Outcome {
   public:
     Outcome(const Evidence& evidence, const std::map<std::size_t, double>& probability, Search& result)
@@ -71,7 +69,7 @@ class Outcome {
             Fit most = f;  // that it may be
             most.covariance.resize(0, 0);
             const Eigen::Index at = first_amount_of(more, more.size() - 1);
-            most.value(at) += kQuantile * f.error(at);
+            most.value(at) += kNormalQuantile * f.error(at);
             if (evidence_.effect_torque_share(more, more.size() - 1, most) < kSizeOfInterest) continue;
             std::erase_if(named.rivals, [&](const Rival& r) { return r.effect == way.effect; });
             std::erase_if(named.ruled_out, [&](const Rival& r) { return r.effect == way.effect; });

@@ -9,6 +9,9 @@ namespace wheelwright::gap {
 // Student's t, two-sided.
 double t_probability(double t, double degrees);
 
+// Standard errors to either side of a 95 % interval of a normal distribution.
+inline constexpr double kNormalQuantile = 1.96;
+
 // One-sided Wilcoxon signed-rank probability that the values are not above zero, exact.
 double signed_rank_probability(std::vector<double> values);
 
