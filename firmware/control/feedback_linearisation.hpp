@@ -18,7 +18,8 @@ struct PlantModel {
     model::Geometry<Real> geometry;
     model::Dynamics<Real> dynamics;
     model::EffectSet<Real> effects;
-    bool rare_effects = true;  // false: none is active but the first kCommonEffects
+    // false: none is active but the first kCommonEffects and cog_lateral
+    bool rare_effects = true;
     // Of a wheel, see below; in rad/s.
     Real sure_speed_rad_per_s = Real(0.15);
     Real soft_speed_rad_per_s = Real(0.04);
@@ -42,13 +43,15 @@ PlantModel<Real> plant_model(const model::RobotParameters& from) {
     to.dynamics = {Real(from.dynamics.k5_m), Real(from.dynamics.k6_per_m), Real(from.dynamics.k7_per_kg_m),
                    Real(from.dynamics.k8_per_kg_m2)};
     to.effects.active = from.effects.active;
+    bool rare = false;
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         for (std::size_t j = 0; j < model::kMaxEffectParameters; ++j) {
             to.effects.parameter[i][j] = Real(from.effects.parameter[i][j]);
         }
     }
-    to.rare_effects = std::any_of(to.effects.active.begin() + model::kCommonEffects, to.effects.active.end(),
-                                  [](bool active) { return active; });
+    for (std::size_t i = model::kCommonEffects; i < model::kEffectCount; ++i)
+        rare = rare || (to.effects.active[i] && i != model::kCogLateral);
+    to.rare_effects = rare;
     to.geometry = model::actual_geometry(to.effects, to.geometry);
     // The observer averages an angle's noise over its time: sigma omega sqrt(omega T).
     const double bandwidth = velocity_loop_speed(from, kObserverCycle_s).observer_bandwidth_rad_per_s;
@@ -84,17 +87,12 @@ constexpr WheelPair<Real> expected_effect_torque_Nm(const PlantModel<Real>& plan
     return total;
 }
 
-inline constexpr std::size_t kLateral = model::find_effect(model::CogLateral::info.name);
-
 // The accelerations that come, where K7 and K8 alone would give these.
-template <std::size_t kUpTo = model::kEffectCount, typename Real>
+template <typename Real>
 constexpr TwistRate<Real> coupled_acceleration(const PlantModel<Real>& plant, const TwistRate<Real>& alone) {
-    if constexpr (kLateral < kUpTo) {
-        if (plant.effects.active[kLateral])
-            return model::CogLateral::coupled(plant.effects.parameter[kLateral], plant.geometry,
-                                              plant.dynamics, alone);
-    }
-    return alone;
+    if (!plant.effects.active[model::kCogLateral]) return alone;
+    return model::CogLateral::coupled(plant.effects.parameter[model::kCogLateral], plant.geometry,
+                                      plant.dynamics, alone);
 }
 
 namespace detail {
@@ -104,14 +102,12 @@ constexpr WheelPair<Real> linearising_torque_Nm(const PlantModel<Real>& plant,
                                                 const model::Motion<Real>& measured,
                                                 const Twist<Real>& reference, const TwistRate<Real>& nu) {
     WheelPair<Real> total = model::inverse_dynamics(plant.dynamics, measured.twist, nu);
-    if constexpr (kLateral < kUpTo) {
-        if (plant.effects.active[kLateral]) {
-            const WheelPair<Real> push = model::wheel_torque_Nm(
-                plant.geometry, model::CogLateral::push(plant.effects.parameter[kLateral], plant.geometry,
-                                                        plant.dynamics, nu));
-            total.left -= push.left;
-            total.right -= push.right;
-        }
+    if (plant.effects.active[model::kCogLateral]) {
+        const WheelPair<Real> push = model::wheel_torque_Nm(
+            plant.geometry, model::CogLateral::push(plant.effects.parameter[model::kCogLateral],
+                                                    plant.geometry, plant.dynamics, nu));
+        total.left -= push.left;
+        total.right -= push.right;
     }
     const WheelPair<Real> effects = expected_effect_torque_Nm<kUpTo>(plant, measured, reference);
     return model::asked_torque_Nm<kUpTo>(
@@ -126,7 +122,7 @@ constexpr TwistRate<Real> linearised_acceleration(const PlantModel<Real>& plant,
     const WheelPair<Real> effects = expected_effect_torque_Nm<kUpTo>(plant, measured, reference);
     const WheelPair<Real> delivered = model::delivered_torque_Nm<kUpTo>(
         plant.effects, {measured, torque_Nm, plant.geometry, plant.dynamics});
-    return coupled_acceleration<kUpTo>(
+    return coupled_acceleration(
         plant,
         model::acceleration(plant.dynamics, measured.twist,
                             WheelPair<Real>{delivered.left + effects.left, delivered.right + effects.right}));

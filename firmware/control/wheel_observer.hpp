@@ -235,7 +235,7 @@ class WheelObserver {
         net.left += smooth.left;
         net.right += smooth.right;
         const TwistRate<Real> body =
-            coupled_acceleration<kUpTo>(plant, model::acceleration(k, motion_.twist, net));
+            coupled_acceleration(plant, model::acceleration(k, motion_.twist, net));
         WheelPair<Real> a =
             model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
         for (Wheel& wheel : wheels_) wheel.stuck = false;
@@ -244,8 +244,10 @@ class WheelObserver {
         model::for_each_dry<kUpTo>(
             plant.effects, g, motion_.wheel_speed_rad_per_s,
             [&](std::size_t, unsigned, const WheelPair<Real>& d, Real friction) {
+                const TwistRate<Real> answer = coupled_acceleration(
+                    plant, TwistRate<Real>{k.k7_per_kg_m * d.sum(), k.k8_per_kg_m2 * d.difference()});
                 const WheelPair<Real> per_Nm = model::wheel_speeds_from_twist(
-                    g, Twist<Real>{k.k7_per_kg_m * d.sum(), k.k8_per_kg_m2 * d.difference()});
+                    g, Twist<Real>{answer.v_m_per_s2, answer.omega_rad_per_s2});
                 const Real mobility = d.left * per_Nm.left + d.right * per_Nm.right;
                 if (!(mobility > 0)) return;
                 const Real stop = (model::sliding_speed(d, motion_.wheel_speed_rad_per_s) / dt +

@@ -43,6 +43,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "firmware/ident/cross_gains.hpp"
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
 #include "firmware/ident/mirror_test.hpp"
@@ -175,8 +176,12 @@ class DynamicsEstimator {
     }
 
     // Torque gains beside K7 and K8: of the difference in y1, of the sum in y2. 0 for wheels that are equal.
-    TwistRate<Real> cross_gains() const {
-        return {equation_[0].rls.theta()[kCrossTorque], equation_[1].rls.theta()[kCrossTorque]};
+    std::array<CrossGain, 2> cross_gains() const {
+        const auto gain = [](const Equation& e) {
+            return CrossGain{static_cast<double>(e.rls.theta()[kCrossTorque]),
+                             static_cast<double>(e.cross_torque_error)};
+        };
+        return {gain(equation_[0]), gain(equation_[1])};
     }
 
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
@@ -243,6 +248,7 @@ class DynamicsEstimator {
         Real velocity_product_error{};  // standard errors
         Real mirrored_product_error{};
         Real torque_error{};
+        Real cross_torque_error{};
         ColumnVector effect = ColumnVector::Zero();  // the effects' parameters as this equation sees them
         ColumnMatrix effect_covariance = ColumnMatrix::Zero();
         ColumnMatrix effect_information =
@@ -349,6 +355,7 @@ class DynamicsEstimator {
     void refresh(Equation& equation) {
         equation.velocity_product_error = slow_error(equation, kVelocityProduct);
         equation.mirrored_product_error = slow_error(equation, kCrossProduct);
+        equation.cross_torque_error = slow_error(equation, kCrossTorque);
         std::array<typename Errors::Vector, model::kMaxEstimatedColumns + 1>
             p;  // of the torque, and of each effect
         p[0] = covariances(equation, kTorque);

@@ -107,6 +107,12 @@ class IdentificationRun {
     bool finished() const { return state_ == IdentState::done || state_ == IdentState::stopped_by_limit; }
     // K5 and K6 as well, not only K7 and K8.
     bool coupling_known() const { return cause_ == IdentCause::good_enough; }
+    Asymmetry asymmetry() const {
+        const model::Dynamics<Real>& k = estimator_.estimate().dynamics;
+        return ident::asymmetry({static_cast<double>(k.k5_m), static_cast<double>(k.k6_per_m),
+                                 static_cast<double>(k.k7_per_kg_m), static_cast<double>(k.k8_per_kg_m2)},
+                                estimator_.cross_gains(), options_.estimator.filter.geometry.track_m);
+    }
     const DynamicsEstimate<Real>& estimate() const { return estimator_.estimate(); }
     const DelayEstimate<Real>& delay() const { return delay_; }
     const Excitation<Real>& excitation() const { return excitation_; }
@@ -275,8 +281,8 @@ class IdentificationRun {
         const double k8 = h * now.dynamics.k8_per_kg_m2;
         const auto error = static_cast<double>(now.standard_error.k7_per_kg_m) +
                            h * static_cast<double>(now.standard_error.k8_per_kg_m2);
-        const double x7 = estimator_.cross_gains().v_m_per_s2;
-        const double x8 = h * estimator_.cross_gains().omega_rad_per_s2;
+        const double x7 = estimator_.cross_gains()[0].value;
+        const double x8 = h * estimator_.cross_gains()[1].value;
         const WheelAnswers answers{{k7 + k8 - x7 - x8, k7 + k8 + x7 + x8},
                                    {k7 - k8 + x7 - x8, k7 - k8 - x7 + x8}};
         const IdentCause lifted = wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error);

@@ -165,6 +165,9 @@ constexpr std::size_t find_effect(std::string_view name) {
     return i;
 }
 
+// It couples the two accelerations, so that whoever predicts or commands them looks at it by itself.
+inline constexpr std::size_t kCogLateral = find_effect(CogLateral::info.name);
+
 // Which effects a robot has, and how large they are.
 template <typename Real>
 struct EffectSet {

@@ -43,6 +43,12 @@ constexpr double kKernelsRemembered = 40;
 // Samples that a speed is taken over: driving is slow beside the longest span that the filter has.
 constexpr int kAdaptiveSpeedSpan = 24;
 
+// K5..K8 of a file that lists a lateral centre of gravity, over those that the estimators see.
+double apart(const model::EffectSet<double>& effects, double track_m, const model::Dynamics<double>& k) {
+    if (!effects.active[model::kCogLateral]) return 1;
+    return 1 - model::CogLateral::share(effects.parameter[model::kCogLateral][0], track_m, k);
+}
+
 double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
 
 }  // namespace
@@ -104,22 +110,51 @@ model::Dynamics<double> Learning::probed_dynamics() const {
     return {0, 0, found.k7_per_kg_m, found.k8_per_kg_m2};
 }
 
+// What couples forward and turning. Returns what is K5..K8 beside it.
+model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
+                                                   const model::RobotParameters& live) const {
+    constexpr std::size_t gains = model::find_effect(model::TorqueGainMismatch::info.name);
+    const auto put = [&](std::size_t effect, double value) {
+        if (value == 0 && !live.effects.active[effect]) return;
+        const model::EffectParameterInfo& info = model::kEffects[effect].parameters[0];
+        if (!live.effects.active[effect])
+            service.record(model::effect_index(effect, model::kEffectActiveSlot), 1);
+        service.record(model::effect_index(effect, 0), std::clamp(value, info.minimum, info.maximum));
+    };
+    const ident::Asymmetry found = run_.asymmetry();
+    model::Dynamics<double> k = found.dynamics;
+    // The run took the torque that the file's mismatch lets arrive, so it has found what is to be added.
+    double mismatch = found.mismatch;
+    if (live.effects.active[gains]) {
+        const double listed = model::TorqueGainMismatch::coordinates(live.effects.parameter[gains])[0];
+        const double both = 1 + listed * mismatch;
+        mismatch = (listed + mismatch) / both;
+        k.k7_per_kg_m *= both;
+        k.k8_per_kg_m2 *= both;
+    }
+    put(gains, model::TorqueGainMismatch::from_coordinates(model::Parameters<double>{mismatch})[0]);
+    put(model::kCogLateral, found.offset_m);
+    return model::CogLateral::scaled(
+        k, 1 - model::CogLateral::share(found.offset_m, live.geometry.track_m, k));
+}
+
 void Learning::record(ParameterService& service, model::RobotParameters& live) const {
     const auto& e = run_.estimate();
+    const model::Dynamics<double> k = record_asymmetry(service, live);
     const auto put = [&service](std::string_view key, double value) {
         if (const model::ParameterInfo* info = model::find_parameter(key)) {
             service.record(info->index, std::clamp(value, info->minimum, info->maximum));
         }
     };
     if (run_.coupling_known()) {
-        put("dynamics.k5_m", e.dynamics.k5_m);
-        put("dynamics.k6_per_m", e.dynamics.k6_per_m);
+        put("dynamics.k5_m", k.k5_m);
+        put("dynamics.k6_per_m", k.k6_per_m);
         put("dynamics_standard_error.k5_m", e.standard_error.k5_m);
         put("dynamics_standard_error.k6_per_m", e.standard_error.k6_per_m);
     }
     if (run_.probe().findings().clipped) put("limits.torque_Nm", run_.probe().findings().torque_limit_Nm);
-    put("dynamics.k7_per_kg_m", e.dynamics.k7_per_kg_m);
-    put("dynamics.k8_per_kg_m2", e.dynamics.k8_per_kg_m2);
+    put("dynamics.k7_per_kg_m", k.k7_per_kg_m);
+    put("dynamics.k8_per_kg_m2", k.k8_per_kg_m2);
     put("dynamics_standard_error.k7_per_kg_m", e.standard_error.k7_per_kg_m);
     put("dynamics_standard_error.k8_per_kg_m2", e.standard_error.k8_per_kg_m2);
     if (run_.delay().valid)
@@ -152,6 +187,7 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
             ident::standing_speed_rad_per_s(noise_rad, kAdaptiveSpeedSpan, kCyclePeriod_s);
     }
     options.dynamics = plant.dynamics;
+    track_m_ = plant.geometry.track_m;
     options.standard_error = p.dynamics_standard_error;
     options.effects = plant.effects;
     options.effects_standard_error = p.effects_standard_error;
@@ -161,7 +197,8 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
     adaptive_.configure(options);
     guard_.configure({p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error,
                       p.adaptation.range, kCyclePeriod_s, p.geometry.track_m},
-                     plant.dynamics, plant.effects);
+                     model::CogLateral::scaled(plant.dynamics, 1 / apart(plant.effects, track_m_, plant.dynamics)),
+                     plant.effects);
     minimum_excitation_ = p.adaptation.minimum_excitation;
     adapting_ = true;
 }
@@ -169,6 +206,11 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
 bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
     adaptive_.push(sample, busy);
     return guard_.update(adaptive_.estimate(), may_adapt);
+}
+
+model::Dynamics<double> Learning::adapted_dynamics() const {
+    return model::CogLateral::scaled(guard_.dynamics(),
+                                     apart(guard_.effects(), track_m_, guard_.dynamics()));
 }
 
 bool Learning::adaptation_frozen() const {

@@ -51,7 +51,7 @@ class Learning {
     // True when what is adapted differs from before. `may_adapt`: nothing forbids it (saturation, slip).
     // `busy`: what can wait for a cycle shall.
     bool adapt(const Sample& sample, bool may_adapt, bool busy);
-    const model::Dynamics<double>& adapted_dynamics() const { return guard_.dynamics(); }
+    model::Dynamics<double> adapted_dynamics() const;  // as beside adapted_effects() in a robot file
     const model::EffectSet<double>& adapted_effects() const { return guard_.effects(); }
     bool adaptation_frozen() const;
 
@@ -65,9 +65,13 @@ class Learning {
     bool excited() const;
 
   private:
+    model::Dynamics<double> record_asymmetry(ParameterService& service,
+                                             const model::RobotParameters& live) const;
+
     ident::IdentificationRun<double> run_;
     ident::AdaptiveEstimator<double> adaptive_;
     ident::ModelGuard<double> guard_;
+    double track_m_ = 1;
     double sample_age_s_ = 0;
     double duration_s_ = 1;
     double relative_standard_error_ = 1;
