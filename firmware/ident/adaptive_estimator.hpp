@@ -235,6 +235,16 @@ class AdaptiveEstimator {
 
     const DynamicsEstimate<Real>& estimate() const { return estimate_; }
 
+    // Deviation of a row's acceleration, from sensors and from what the model does not know, at a wheel's
+    // rim, forward and turning; and the time between rows.
+    WheelPair<Real> row_noise_m_per_s2() const {
+        return {std::sqrt(noise(row_[0])) / rls_.theta()[kMass],
+                std::sqrt(noise(row_[1])) / rls_.theta()[kInertia] * track_m_ / 2};
+    }
+    Real row_interval_s() const {
+        return static_cast<Real>(filter_.block_samples() * options_.filter.sample_time_s);
+    }
+
     // Whether parameter K5, K7, K8 is held for lack of excitation.
     struct Frozen {
         bool k5, k7, k8;

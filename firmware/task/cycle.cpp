@@ -288,6 +288,8 @@ void Cycle::obey() {
             if (!conditions_.model_known) use_rough_model();
         } else if (supervisor_.mode() == Mode::adaptive) {
             learning_.start_adaptation(parameters_, control_.plant(), control_.lap_s());
+            control_.dither().configure(learning_.dither_period_s(), kCyclePeriod_s,
+                                        control_.plant().geometry.track_m);
         }
     }
     if (supervisor_.ramping() && !was_ramping_) {
@@ -421,6 +423,10 @@ void Cycle::learn() {
     }
     const bool may_adapt = !saturated && !slip_.slipping(time_.scheduled_ns);
     if (learning_.adapt(sample_, may_adapt, busy) && adapted_since_ == 0) adapted_since_ = 1;
+    if (learning_.estimate_is_new()) {
+        const WheelPair<double> rim = learning_.dither_m_per_s2();
+        control_.dither().set_amplitudes(rim.left, rim.right);
+    }
     long_cycle_ = waited || adapted_since_ == 1;
 }
 

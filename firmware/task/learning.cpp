@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numbers>
 
 #include "firmware/task/cycle_schedule.hpp"
 
@@ -48,6 +49,15 @@ double apart(const model::EffectSet<double>& effects, double track_m, const mode
     if (!effects.active[model::kCogLateral]) return 1;
     return 1 - model::CogLateral::share(effects.parameter[model::kCogLateral][0], track_m, k);
 }
+
+// The dither's torque is at most this share of the limit, its way at a rim this share of the track. Its period
+// is the one at which it may use both: a shorter one would accelerate less on the way that it has. A row is
+// this share of a period: a longer one averages the dither away. Its amplitudes are what tells mass and inertia
+// to this error within the memory, beside the rows' noise.
+constexpr double kDitherTorqueShare = 0.05;
+constexpr double kDitherWayShare = 0.002;
+constexpr double kRowsADither = 4.618;
+constexpr double kDitherError = 0.01;
 
 double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
 
@@ -178,7 +188,12 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
                                 double lap_s) {
     ident::AdaptiveEstimatorOptions<double> options;
     options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
-    options.filter = filter_options(p, options.memory_s / kKernelsRemembered);
+    const double rim_m_per_s2 =
+        2 * kDitherTorqueShare * p.limits.torque_Nm *
+        std::min(plant.dynamics.k7_per_kg_m, plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / 2);
+    const double period_s =
+        2 * std::numbers::pi * std::sqrt(kDitherWayShare * plant.geometry.track_m / rim_m_per_s2);
+    options.filter = filter_options(p, std::min(1.5 * period_s / kRowsADither, options.memory_s / kKernelsRemembered));
     const double noise_rad = p.velocity_loop.angle_noise_rad;
     if (noise_rad > 0) {
         options.angle_noise_rad = noise_rad;
@@ -200,17 +215,30 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
                      model::CogLateral::scaled(plant.dynamics, 1 / apart(plant.effects, track_m_, plant.dynamics)),
                      plant.effects);
     minimum_excitation_ = p.adaptation.minimum_excitation;
+    dither_period_s_ = kRowsADither * adaptive_.row_interval_s();
+    dither_over_noise_ = std::sqrt(2 * adaptive_.row_interval_s() / options.memory_s) / kDitherError;
+    torque_limit_Nm_ = p.limits.torque_Nm;
     adapting_ = true;
 }
 
 bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
-    adaptive_.push(sample, busy);
+    estimate_is_new_ = adaptive_.push(sample, busy);
     return guard_.update(adaptive_.estimate(), may_adapt);
 }
 
 model::Dynamics<double> Learning::adapted_dynamics() const {
     return model::CogLateral::scaled(guard_.dynamics(),
                                      apart(guard_.effects(), track_m_, guard_.dynamics()));
+}
+
+WheelPair<double> Learning::dither_m_per_s2() const {
+    const WheelPair<double> noise = adaptive_.row_noise_m_per_s2();
+    const model::Dynamics<double>& k = guard_.dynamics();
+    const double rate = 2 * std::numbers::pi / dither_period_s_;
+    const double by_way = kDitherWayShare * track_m_ * rate * rate;
+    const double torque_Nm = kDitherTorqueShare * torque_limit_Nm_;
+    return {std::min({dither_over_noise_ * noise.left, by_way, 2 * torque_Nm * k.k7_per_kg_m}),
+            std::min({dither_over_noise_ * noise.right, by_way, torque_Nm * k.k8_per_kg_m2 * track_m_})};
 }
 
 bool Learning::adaptation_frozen() const {

@@ -54,6 +54,11 @@ class Learning {
     model::Dynamics<double> adapted_dynamics() const;  // as beside adapted_effects() in a robot file
     const model::EffectSet<double>& adapted_effects() const { return guard_.effects(); }
     bool adaptation_frozen() const;
+    bool estimate_is_new() const { return estimate_is_new_; }  // of the last adapt()
+    // The motion that adaptation wants beside the path: its period, and the amplitudes at a wheel's rim,
+    // forward and turning.
+    double dither_period_s() const { return dither_period_s_; }
+    WheelPair<double> dither_m_per_s2() const;
 
     // The estimate of whichever ran last.
     const ident::DynamicsEstimate<double>& estimate() const {
@@ -72,12 +77,15 @@ class Learning {
     ident::AdaptiveEstimator<double> adaptive_;
     ident::ModelGuard<double> guard_;
     double track_m_ = 1;
+    double dither_period_s_ = 1, dither_over_noise_ = 0;
+    double torque_limit_Nm_ = 0;
     double sample_age_s_ = 0;
     double duration_s_ = 1;
     double relative_standard_error_ = 1;
     double minimum_excitation_ = 0;
     bool started_ = false;
     bool adapting_ = false;
+    bool estimate_is_new_ = false;
 };
 
 }  // namespace wheelwright::task

@@ -156,7 +156,7 @@ MotionOutput MotionControl::follow(const MotionInputs& now, const Twist<double>&
     return out;
 }
 
-MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host) {
+MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host, bool dither) {
     MotionOutput out;
     control::ReferencePoint<double> point;
     if (streamed()) {
@@ -173,7 +173,8 @@ MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host)
         }
         point = control::path_point(path_, 1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_));
     }
-    const auto command = tracker_.update(point, now.pose, now.elapsed_s);
+    auto command = tracker_.update(point, now.pose, now.elapsed_s);
+    if (dither) dither_.step(command.reference);
     loops_drive_ = true;
     out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
     out.reference = command.reference.twist;
@@ -205,7 +206,7 @@ MotionOutput MotionControl::torque(protocol::Mode mode, const MotionInputs& now,
         }
         case protocol::Mode::trajectory:
         case protocol::Mode::adaptive:
-            return track(now, host);
+            return track(now, host, mode == protocol::Mode::adaptive);
         default:
             return {};
     }

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "firmware/control/dither.hpp"
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/control/limits.hpp"
 #include "firmware/control/loop_design.hpp"
@@ -67,6 +68,9 @@ class MotionControl {
     const control::PathPace<double>& pace() const { return pace_; }
     protocol::TrajectoryPace told_pace() const;
 
+    // Of the adaptive mode, where a path is driven.
+    control::Dither<double>& dither() { return dither_; }
+
     // Call in the cycle that enters a mode, before torque().
     void enter(protocol::Mode mode, const MotionInputs& now);
 
@@ -83,7 +87,7 @@ class MotionControl {
   private:
     MotionOutput open_loop(const WheelPair<double>& wanted_Nm) const;
     MotionOutput follow(const MotionInputs& now, const Twist<double>& wanted);
-    MotionOutput track(const MotionInputs& now, const HostLink& host);
+    MotionOutput track(const MotionInputs& now, const HostLink& host, bool dither);
     void begin_path(const MotionInputs& now);
     void step_pace();
     void use_gains();
@@ -97,6 +101,7 @@ class MotionControl {
     bool design_accepted_ = false;
     control::VelocityLoop<double> loop_;
     bool loops_drive_ = false;  // they gave the last cycle's torque
+    control::Dither<double> dither_;
     control::TwistRateLimiter<double> limiter_;
     control::PoseController<double> pose_;
     control::TrajectoryTracker<double> tracker_;

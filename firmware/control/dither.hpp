@@ -1,0 +1,85 @@
+// A small motion beside the one that is driven, forward and turning, so that mass and inertia can be told
+// from the torque it takes, however calm the path is: accelerations at a wheel's rim that are sines of two
+// periods without a common multiple. They are part of the reference and of its feed-forward, so the loops do
+// not fight them. Where the path turns a wheel more slowly than the dither would, it fades away: dry friction
+// would hold the wheel, or turn with it.
+//
+// One thread; no allocation. step(): about 60 instructions.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "firmware/control/reference.hpp"
+
+namespace wheelwright::control {
+
+template <typename Real>
+class Dither {
+  public:
+    // None until amplitudes are set. `period_s`: of the forward motion.
+    void configure(Real period_s, Real cycle_s, Real track_m) {
+        // the golden ratio keeps the two apart
+        constexpr Real kTurningPeriod = Real(1.2360679774997898);
+        constexpr Real kTwoPi = Real(6.283185307179586);
+        half_track_m_ = track_m / 2;
+        fade_per_cycle_ = cycle_s / period_s;
+        for (std::size_t i = 0; i < 2; ++i) {
+            Wave& w = wave_[i];
+            w = {};
+            w.rate_rad_per_s = kTwoPi / (i == 0 ? period_s : kTurningPeriod * period_s);
+            w.turn_cosine = std::cos(w.rate_rad_per_s * cycle_s);
+            w.turn_sine = std::sin(w.rate_rad_per_s * cycle_s);
+        }
+        amplitude_m_per_s2_ = {};
+        share_ = 0;
+    }
+
+    void set_amplitudes(Real forward_m_per_s2, Real turning_m_per_s2) {
+        amplitude_m_per_s2_ = {forward_m_per_s2, turning_m_per_s2};
+    }
+
+    // Speed at a rim that both together do not go beyond.
+    Real rim_speed_m_per_s() const {
+        return amplitude_m_per_s2_[0] / wave_[0].rate_rad_per_s + amplitude_m_per_s2_[1] / wave_[1].rate_rad_per_s;
+    }
+
+    // Adds to the reference.
+    void step(VelocityReference<Real>& reference) {
+        const Real v = std::abs(reference.twist.v_m_per_s);
+        const Real rim = half_track_m_ * std::abs(reference.twist.omega_rad_per_s);
+        const bool on = std::abs(v - rim) > kSlowestOverDither * rim_speed_m_per_s();
+        share_ = std::clamp(share_ + (on ? fade_per_cycle_ : -fade_per_cycle_), Real(0), Real(1));
+        const Wave forward = wave_[0].step();
+        const Wave turning = wave_[1].step();
+        const Real a = share_ * amplitude_m_per_s2_[0];
+        const Real b = share_ * amplitude_m_per_s2_[1] / half_track_m_;
+        reference.twist.v_m_per_s += a * forward.sine / forward.rate_rad_per_s;
+        reference.rate.v_m_per_s2 += a * forward.cosine;
+        reference.twist.omega_rad_per_s += b * turning.sine / turning.rate_rad_per_s;
+        reference.rate.omega_rad_per_s2 += b * turning.cosine;
+    }
+
+  private:
+    static constexpr Real kSlowestOverDither = 2;  // a wheel's speed then never comes near zero
+    struct Wave {
+        Real rate_rad_per_s{}, turn_cosine = 1, turn_sine{}, cosine = 1, sine{};
+
+        const Wave& step() {
+            const Real c = cosine * turn_cosine - sine * turn_sine;
+            const Real s = sine * turn_cosine + cosine * turn_sine;
+            const Real scale = (3 - c * c - s * s) / 2;  // back to a length of 1
+            cosine = c * scale;
+            sine = s * scale;
+            return *this;
+        }
+    };
+
+    std::array<Wave, 2> wave_{};
+    std::array<Real, 2> amplitude_m_per_s2_{};
+    Real half_track_m_ = 1, fade_per_cycle_{}, share_{};
+};
+
+}  // namespace wheelwright::control
