@@ -39,20 +39,21 @@
 // itself.
 //
 // Change detection: an innovation beyond `gate_sigma` of its own deviation stops the use of rows until the
-// averaging window has passed the event. So does a sum of innovations that goes with one of the load's
-// regressors, over about the last memory, beyond kSumGate_sigma of its own deviation: a smaller change, seen
-// later. What a load can change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of
+// averaging window has passed the event. So do sums of innovations that go with the load's regressors, all
+// four together, over about the last memory, beyond kSumGate: a smaller change, seen later. What a load can change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of
 // that share shifts at the track's edge; the rows that follow settle them. A jolt thus costs a fresh look,
 // never a wrong row. A change smaller than the memory's rows can show is not seen: see docs/driving.md.
 //
 // Standard errors: of K7 and K8, what the regression says and what a load that nobody noticed may have left:
-// evenly anything up to what the sums of innovations would have shown by now. They grow while a robot stands.
+// evenly anything up to what the sums of innovations would have shown by now, whatever else it changes. They grow while a robot stands.
 // Of the others sqrt(P_ii), in units of that noise.
 //
 // push() spreads a row's work over the cycles after it: at most about 1 700 instructions in one. No
 // allocation.
 #pragma once
 
+#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -219,6 +220,12 @@ class AdaptiveEstimator {
                 return false;
             case Work::monitor_settles:
                 monitor_.settle();
+                work_ = Work::compare;
+                return false;
+            case Work::compare:
+                if (hold_rows_ == 0 && window_shows_change())
+                    for (Row& row : row_) hold(row);
+                was_quiet_ = was_quiet_ && hold_rows_ == 0;
                 work_ = Work::watch;
                 return false;
             case Work::watch:
@@ -267,7 +274,10 @@ class AdaptiveEstimator {
     static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
     static constexpr int kNoiseRows = 300;     // over which the noise is averaged
-    static constexpr Real kSumGate_sigma = 5;  // of sums, which are nearer to a normal distribution than rows
+    // Of sums of innovations over their deviation, squared: of four, chance alone is beyond it as seldom as
+    // one is beyond five deviations.
+    static constexpr Real kSumGate = Real(34.5);
+    static constexpr Real kAlike = Real(1e-6);  // relative: regressors that differ by less are the same
     static constexpr Real kNoiseAtFirst = Real(0.02);      // of the torque, until it is measured
     static constexpr Real kBestModel = Real(0.01);         // of the accelerating torque: no model is better
     static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
@@ -279,6 +289,8 @@ class AdaptiveEstimator {
     static constexpr Real kTinyVariance = Real(1e-14);
     using Vector = std::array<Real, kSize>;
     using Rls = UdRls<Real, kSize, true>;
+    using LoadVector = Eigen::Matrix<Real, static_cast<int>(kLoad), 1>;
+    using LoadMatrix = Eigen::Matrix<Real, static_cast<int>(kLoad), static_cast<int>(kLoad)>;
     enum class Work : std::uint8_t {
         none,
         doubt,
@@ -291,6 +303,7 @@ class AdaptiveEstimator {
         monitor_linear,
         monitor_turning,
         monitor_settles,
+        compare,
         watch,
         publish
     };
@@ -316,7 +329,8 @@ class AdaptiveEstimator {
     // Fading sums over rows: of innovations that go with a parameter's regressor, and the variance that they
     // have by chance.
     struct Window {
-        std::array<Real, kLoad> score{}, noise{}, power{};
+        LoadVector score = LoadVector::Zero();
+        LoadMatrix noise = LoadMatrix::Zero(), power = LoadMatrix::Zero();
         Real keep{};   // by each row of either equation
         int rows = 0;  // of both equations
     };
@@ -408,13 +422,12 @@ class AdaptiveEstimator {
             return false;
         }
         const Real gate = options_.gate_sigma * options_.gate_sigma;
-        if (square > gate || window_shows_change(row)) {
-            hold_rows_ = kWindowRows;
-            // twice, with no quiet window between: rather the noise is larger than it was thought to be
-            if (!was_quiet_) row.power = 2 * noise(row);
+        if (square > gate) {
+            hold(row);
             was_quiet_ = false;
             return false;
         }
+        add_to_window(row);
         if (row.projection.variance > 1) return true;  // shows the estimate's error, not noise
         Quiet& quiet = row.quiet;
         quiet.squares += square;
@@ -427,22 +440,44 @@ class AdaptiveEstimator {
         return row.projection.variance > forgotten_ && (excited_[kMass] || excited_[kInertia]);
     }
 
-    bool window_shows_change(const Row& row) {
-        Window& w = window_;
+    void hold(Row& row) {
+        hold_rows_ = kWindowRows;
+        // twice, with no quiet window between: rather the noise is larger than it was thought to be
+        if (!was_quiet_) row.power = 2 * noise(row);
+    }
+
+    void add_to_window(const Row& row) {
+        const Eigen::Map<const LoadVector> phi(row.phi.data());
         // Innovations over their own deviation are white, whatever the estimate's error was to begin with.
         const Real standard = row.innovation / std::sqrt(1 + row.projection.variance);
-        constexpr Real sum_gate = kSumGate_sigma * kSumGate_sigma;
-        bool found = false;
-        const bool moved = excited_[kMass] || excited_[kInertia];
-        for (std::size_t i = 0; i < kLoad; ++i) {
-            w.score[i] = w.keep * w.score[i] + row.phi[i] * standard;
-            w.noise[i] = w.keep * w.keep * w.noise[i] + row.phi[i] * row.phi[i];
-            w.power[i] = w.keep * w.power[i] + row.phi[i] * row.phi[i];
+        Window& w = window_;
+        w.score = w.keep * w.score + standard * phi;
+        const LoadMatrix square = phi * phi.transpose();
+        w.noise = w.keep * w.keep * w.noise + square;
+        w.power = w.keep * w.power + square;
+        ++w.rows;
+    }
+
+    // What a load changes, it changes at once: mass, inertia and both coordinates.
+    bool window_shows_change() const {
+        const Window& w = window_;
+        if (w.rows < 2 * kFewestRows || !(excited_[kMass] || excited_[kInertia])) return false;
+        LoadMatrix noise = w.noise;
+        LoadVector score = w.score;
+        for (std::size_t i = 0; i < kWatched; ++i) {
             // Accelerations about as small as the noise go with it, not with the robot.
-            const bool asked = moved && (i >= kWatched || excited_[i]);
-            found = found || (asked && w.score[i] * w.score[i] > sum_gate * w.noise[i]);
+            if (excited_[i]) continue;
+            const auto k = static_cast<int>(i);
+            noise.row(k).setZero();
+            noise.col(k).setZero();
+            score(k) = 0;
         }
-        return ++w.rows >= 2 * kFewestRows && found;
+        return score.dot(solved(noise, score)) > kSumGate;
+    }
+
+    static LoadVector solved(LoadMatrix matrix, const LoadVector& right) {
+        for (int i = 0; i < right.size(); ++i) matrix(i, i) += kAlike * matrix(i, i) + kTinyVariance;
+        return matrix.llt().solve(right);
     }
 
     // From a time without a change, so that a change does not hide itself.
@@ -481,9 +516,8 @@ class AdaptiveEstimator {
     // sums of innovations would show, and a load's share at most.
     Real unnoticed(std::size_t i) const {
         const Real most = options_.doubt * rls_.theta()[i];
-        const Real gate = kSumGate_sigma * std::sqrt(window_.noise[i]);
-        const Real seen = gate < most * window_.power[i] ? gate / window_.power[i] : most;
-        return seen * seen / 3;
+        const LoadVector by_score = solved(window_.power, LoadVector::Unit(static_cast<int>(i)));
+        return std::min(most * most, kSumGate * by_score.dot(window_.noise * by_score)) / 3;
     }
 
     void watch_excitation() {
