@@ -1,10 +1,11 @@
 #include "tools/gap_exam/exam_report.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <map>
-#include <set>
-#include <tuple>
+#include <optional>
 
 namespace wheelwright::exam {
 namespace {
@@ -92,7 +93,8 @@ Count large(const std::vector<Asked>& all) {
 }
 
 double share(std::int64_t some, std::int64_t all) {
-    return static_cast<double>(some) / static_cast<double>(all);  // of none: not a number
+    if (all == 0) return std::numeric_limits<double>::quiet_NaN();
+    return static_cast<double>(some) / static_cast<double>(all);
 }
 
 void add_power_row(Report& report, std::string_view name, const std::vector<Asked>& all) {
@@ -158,31 +160,40 @@ void add_wrong(Report& report, const Answers& answers) {
     }
 }
 
-std::pair<std::int64_t, std::int64_t> covered(const Answers& answers) {
-    std::pair<std::int64_t, std::int64_t> count{};
+struct Coverage {
+    std::int64_t holds = 0, all = 0;
+    void take(const Covered& interval) {
+        ++all;
+        holds += interval.holds ? 1 : 0;
+    }
+};
+
+template <typename Which>
+Coverage covered(const Answers& answers, Which which) {
+    Coverage coverage;
     for (const Answered& a : answers) {
         for (const Covered& interval : a.judged.intervals) {
-            ++count.second;
-            count.first += interval.holds ? 1 : 0;
+            if (which(a)) coverage.take(interval);
         }
     }
-    return count;
+    return coverage;
 }
 
 void add_intervals(Report& report, const Answers& answers) {
     report.section("intervals", "95 % intervals that hold the truth");
     report.table("list",
                  {{"parameter", "parameter"}, {"holds", "hold it"}, {"all", "of"}, {"share", "share"}});
-    std::map<std::string, std::pair<std::int64_t, std::int64_t>> counts;
+    std::map<std::string, Coverage> by_name;
     for (const Answered& a : answers) {
-        for (const Covered& interval : a.judged.intervals) {
-            auto& [holds, all] = counts[interval.what];
-            ++all;
-            holds += interval.holds ? 1 : 0;
-        }
+        for (const Covered& interval : a.judged.intervals) by_name[interval.what].take(interval);
     }
-    for (const auto& [what, count] : counts)
-        report.row({what, count.first, count.second, share(count.first, count.second)});
+    for (const auto& [what, coverage] : by_name)
+        report.row({what, coverage.holds, coverage.all, share(coverage.holds, coverage.all)});
+    for (const bool complete : {true, false}) {
+        const Coverage c = covered(answers, [&](const Answered& a) { return a.judged.complete == complete; });
+        report.row({std::string(complete ? "where all that is visible is named" : "where not"), c.holds,
+                    c.all, share(c.holds, c.all)});
+    }
 }
 
 std::vector<double> over_true(const Answers& answers) {
@@ -223,6 +234,19 @@ void add_logs(Report& report, const Answers& answers) {
     }
 }
 
+void add_held_out(Report& report, const Answers& answers) {
+    report.section("held_out", "Held-out free run over the true robot's, both wheels");
+    std::vector<double> ratios = over_true(answers);
+    std::sort(ratios.begin(), ratios.end());
+    if (ratios.empty()) return;
+    for (const int percent : {10, 50, 75, 90}) {
+        const auto at = static_cast<std::size_t>(percent) * (ratios.size() - 1) / 100;
+        report.add("percentile_" + std::to_string(percent), std::to_string(percent) + "th percentile",
+                   ratios[at]);
+    }
+    report.add("logs", "logs", static_cast<std::int64_t>(ratios.size()));
+}
+
 }  // namespace
 
 std::vector<bench::Aim> exam_aims(const Answers& answers) {
@@ -232,7 +256,7 @@ std::vector<bench::Aim> exam_aims(const Answers& answers) {
     };
     std::int64_t wrong = 0;
     for (const Answered& a : answers) wrong += a.judged.wrong.empty() ? 0 : 1;
-    const auto [holds, intervals] = covered(answers);
+    const Coverage intervals = covered(answers, [](const Answered&) { return true; });
     const std::string above = " above " + number_text(100 * kLarge) + " % of the torque named";
     return {{"dry", "dry friction" + above, named(dry(answers)), kLeastFrictionNamed},
             {"viscous", "viscous friction" + above, named(viscous(answers)), kLeastFrictionNamed},
@@ -240,9 +264,10 @@ std::vector<bench::Aim> exam_aims(const Answers& answers) {
              kLeastFurtherNamed},
             {"wrong", "logs with a wrong name", share(wrong, static_cast<std::int64_t>(answers.size())),
              kMostWrong, true},
-            {"covered", "95 % intervals that hold the truth", share(holds, intervals), kLeastCovered},
-            {"covered_at_most", "95 % intervals that hold the truth", share(holds, intervals), kMostCovered,
-             true},
+            {"covered", "95 % intervals that hold the truth", share(intervals.holds, intervals.all),
+             kLeastCovered},
+            {"covered_at_most", "95 % intervals that hold the truth", share(intervals.holds, intervals.all),
+             kMostCovered, true},
             {"over_true", "held-out error over the true robot's, median", bench::median(over_true(answers)),
              kMostOverTrue, true}};
 }
@@ -253,6 +278,7 @@ Report exam_report(const Answers& answers) {
     add_power(report, answers);
     add_wrong(report, answers);
     add_intervals(report, answers);
+    add_held_out(report, answers);
     bench::add_aims(report, exam_aims(answers));
     return report;
 }

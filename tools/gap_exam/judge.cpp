@@ -69,6 +69,11 @@ Judged judge(const ExamLog& log, const GapAnswer& answer) {
             });
         if (!doubtful) judged.wrong.push_back(effect.name);
     }
+    const auto found = [](const Size& size, Held held) {
+        return size.visible < kVisible || held == Held::named;
+    };
+    judged.complete = found(log.dry, judged.dry) && found(log.viscous, judged.viscous) &&
+                      found(log.further, judged.further) && judged.wrong.empty();
     if (answer.verdict != "unexplained") {  // what says that its model is not complete claims no numbers
         for (const bench::StatedParameter& said : answer.parameters) {
             const auto truth = std::find_if(

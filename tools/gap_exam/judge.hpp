@@ -22,6 +22,7 @@ struct Judged {
     // catalogue: named is "unexplained", confounded is a name that has rivals.
     bench::Held dry = bench::Held::missing, viscous = bench::Held::missing, further = bench::Held::missing;
     std::vector<std::string> wrong;  // names of what is not there, without a rival that is
+    bool complete = false;           // all that is there and visible is named, and nothing is wrong
     std::vector<Covered> intervals;
     // Held-out free run over the true robot's, both wheels. Refused: infinite. Not a number where they cannot
     // be compared.

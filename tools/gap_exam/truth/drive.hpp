@@ -59,7 +59,10 @@ class Tracking {
     explicit Tracking(double bandwidth_rad_per_s) : bandwidth_(bandwidth_rad_per_s) {}
     void take(double angle_rad, double step_s);
     double speed_rad_per_s() const { return speed_; }
-    void begin(double angle_rad, double speed) { angle_ = angle_rad, speed_ = speed; }
+    void begin(double angle_rad, double speed_rad_per_s) {
+        angle_ = angle_rad;
+        speed_ = speed_rad_per_s;
+    }
 
   private:
     double bandwidth_, angle_ = 0, speed_ = 0;
