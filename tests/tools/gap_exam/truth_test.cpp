@@ -210,8 +210,10 @@ TEST(ExamPlant, TyreSlipsByTheForceOnIt) {
     const double stiffness = 15 * 1.6 * (0.5 + 0.4 * r.draw[1]) * load_N;  // B C D, times load
     const double speed_m_per_s = plant.forward_m_per_s();
     const double slip = plant.speed_rad_per_s()[0] * 0.1 / speed_m_per_s - 1;
-    const double rubber =
-        0.8 * std::sqrt(stiffness / 0.03 * 0.01 / 0.01) * speed_m_per_s;  // spring and wheel as a mass
+    // Rubber has 0.8 of the damping that a wheel's rotation, as a mass, and the tyre's spring over 0.3 radii
+    // make.
+    const double wheel_kg = r.wheel_inertia_kg_m2 / (0.1 * 0.1);
+    const double rubber = 0.8 * std::sqrt(stiffness / (0.3 * 0.1) * wheel_kg) * speed_m_per_s;
     DOUBLES_EQUAL(force_N / (stiffness + rubber), slip, 0.03 * slip);
 }
 

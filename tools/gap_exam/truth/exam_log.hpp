@@ -36,7 +36,7 @@ struct ExamLog {
     std::vector<Parameter> parameters;
 };
 
-// The same for a seed and a number on every machine, whatever else is drawn.
+// The same for a seed and a number, whatever else is drawn.
 ExamLog draw_log(std::uint64_t seed, std::size_t number);
 
 // As gap.json would have it; of the log's friction the least-squares equivalent, of the further effect what

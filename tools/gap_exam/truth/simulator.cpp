@@ -163,8 +163,7 @@ Resistance Simulator::resistances(const State& s, const Sides<double>& speed) co
     return r;
 }
 
-double Simulator::further_friction_Nm(std::size_t side, double speed, double shaft_Nm, const State&,
-                                      double t_s) const {
+double Simulator::further_friction_Nm(std::size_t side, double speed, double shaft_Nm, double t_s) const {
     if (robot_.further == Further::load_dependent_friction)
         return size() * std::abs(shaft_Nm) * std::tanh(speed / robot_.dry[side].smooth_rad_per_s);
     if (robot_.further == Further::cold_grease)
@@ -313,7 +312,7 @@ Simulator::State Simulator::rates(const State& s, const Sides<double>& asked, do
             rate[kTwist + i] = s[kMotor + i] - speed[i];
         }
         torque[i] -= resistance.dry_Nm[i] + resistance.viscous_Nm[i] + resistance.ground_Nm[i] +
-                     further_friction_Nm(i, speed[i], shaft_Nm, s, t_s);
+                     further_friction_Nm(i, speed[i], shaft_Nm, t_s);
         rate[kAngle + i] = speed[i];
         rate[kBend + i] = lugre_bend_rate(robot_.dry[i], s[kBend + i], speed[i]);
     }

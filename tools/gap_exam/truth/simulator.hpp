@@ -82,8 +82,7 @@ class Simulator {
     double shaft_torque_Nm(std::size_t side, double asked_Nm, const State& s, double shaft_rad_per_s,
                            State& rate) const;
     Resistance resistances(const State& s, const Sides<double>& speed) const;
-    double further_friction_Nm(std::size_t side, double speed, double shaft_Nm, const State& s,
-                               double t_s) const;
+    double further_friction_Nm(std::size_t side, double speed, double shaft_Nm, double t_s) const;
     Push pushes(const State& s, const Body& body, double t_s, State& rate) const;
     void roll(const State& s, const Body& body, const Push& push, const Sides<double>& torque,
               State& rate) const;
