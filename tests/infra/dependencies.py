@@ -60,6 +60,7 @@ RULES = {
     "sim_hal/": (sim_may_include, portable_system),
     # The trials' robots know nothing of what the analysis is made of.
     "tools/gap_trials/hidden/": (named("tools/gap_trials/hidden/"), any_system),
+    "tools/gap_exam/truth/": (named("tools/gap_exam/truth/", "tools/gap_trials/hidden/random.hpp"), any_system),
     "tools/": (lambda header: not header.startswith("tests/"), any_system),
     "toolchain/": (named("toolchain/"), any_system),
     "tests/": (lambda header: True, any_system),
@@ -119,6 +120,8 @@ PLANTED = [
     ("tools/gap_trials/hidden/plant.hpp", '#include "firmware/model/types.hpp"'),
     ("tools/gap_trials/hidden/ode_plant.cpp", '#include "sim_hal/plant.hpp"'),
     ("tools/gap_trials/hidden/trial.cpp", '#include "tools/logs/measured_csv.hpp"'),
+    ("tools/gap_exam/truth/laws.hpp", '#include "firmware/model/effects.hpp"'),
+    ("tools/gap_exam/truth/simulator.cpp", '#include "tools/gap_trials/hidden/robot.hpp"'),
     ("stray/file.cpp", "#include <array>"),
 ]
 

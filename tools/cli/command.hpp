@@ -36,6 +36,7 @@ void add_demo(const CommandLine& program, Run& run);
 void add_excite(const CommandLine& program, Run& run);
 void add_gap(const CommandLine& program, Run& run);
 void add_gap_bench(const CommandLine& program, Run& run);
+void add_gap_exam(const CommandLine& program, Run& run);
 void add_gap_trials(const CommandLine& program, Run& run);
 void add_ident(const CommandLine& program, Run& run);
 void add_monitor(const CommandLine& program, Run& run);

@@ -42,13 +42,6 @@ double share(const Splits& splits, Condition condition) {
            static_cast<double>(splits.size());
 }
 
-double median(std::vector<double> values) {
-    if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-    std::sort(values.begin(), values.end());
-    const std::size_t half = values.size() / 2;
-    return values.size() % 2 == 1 ? values[half] : (values[half - 1] + values[half]) / 2;
-}
-
 struct Method {
     const char* name;
     double (*rms_rad_per_s)(const Split&);
@@ -204,21 +197,14 @@ void add_checks(Report& report, const Splits& splits) {
                most_off, "", where);
 }
 
-Report with_aims(Report report, const std::vector<Aim>& aims) {
-    report.section("aims", "Aims");
-    report.table("list", {{"aim", "aim"},
-                          {"measured", "measured"},
-                          {"bound", ""},
-                          {"wanted", "wanted"},
-                          {"reached", "reached"}});
-    for (const Aim& aim : aims) {
-        report.row({aim.words, aim.measured, std::string(aim.at_most ? "at most" : "at least"), aim.wanted,
-                    aim.reached()});
-    }
-    return report;
-}
-
 }  // namespace
+
+double median(std::vector<double> values) {
+    if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
+    std::sort(values.begin(), values.end());
+    const std::size_t half = values.size() / 2;
+    return values.size() % 2 == 1 ? values[half] : (values[half - 1] + values[half]) / 2;
+}
 
 std::vector<Aim> corpus_aims(const std::vector<Split>& all) {
     const Splits splits = usable(all);
@@ -246,19 +232,34 @@ bool all_reached(const std::vector<Aim>& aims) {
     return std::all_of(aims.begin(), aims.end(), [](const Aim& aim) { return aim.reached(); });
 }
 
+void add_aims(Report& report, const std::vector<Aim>& aims) {
+    report.section("aims", "Aims");
+    report.table("list", {{"aim", "aim"},
+                          {"measured", "measured"},
+                          {"bound", ""},
+                          {"wanted", "wanted"},
+                          {"reached", "reached"}});
+    for (const Aim& aim : aims) {
+        report.row({aim.words, aim.measured, std::string(aim.at_most ? "at most" : "at least"), aim.wanted,
+                    aim.reached()});
+    }
+}
+
 Report corpus_report(const std::vector<Split>& splits) {
     Report report("gap-bench");
     add_splits(report, splits, "held out");
     add_methods(report, usable(splits));
     add_names(report, usable(splits));
     add_checks(report, usable(splits));
-    return with_aims(std::move(report), corpus_aims(splits));
+    add_aims(report, corpus_aims(splits));
+    return report;
 }
 
 Report one_log_report(const std::vector<Split>& splits) {
     Report report("gap-bench");
     add_splits(report, splits, "learned from the first");
-    return with_aims(std::move(report), one_log_aims(splits));
+    add_aims(report, one_log_aims(splits));
+    return report;
 }
 
 }  // namespace wheelwright::bench

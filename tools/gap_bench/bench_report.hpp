@@ -22,6 +22,9 @@ std::vector<Aim> corpus_aims(const std::vector<Split>& splits);
 // Of one log, split at several places.
 std::vector<Aim> one_log_aims(const std::vector<Split>& splits);
 bool all_reached(const std::vector<Aim>& aims);
+void add_aims(tools::Report& report, const std::vector<Aim>& aims);
+
+double median(std::vector<double> values);  // not a number of none
 
 tools::Report corpus_report(const std::vector<Split>& splits);
 tools::Report one_log_report(const std::vector<Split>& splits);

@@ -38,6 +38,13 @@ std::vector<std::string> command_of(const GapQuestion& q) {
     return words;
 }
 
+void take_parameter(const std::string& effect, const std::string& name, const Json& said, GapAnswer& answer) {
+    const Json& interval = said.at("interval_95");
+    if (!interval.is_array() || !interval.at(0).is_number() || !interval.at(1).is_number()) return;
+    answer.parameters.push_back({effect, name, said.at("value").get<double>(), interval.at(0).get<double>(),
+                                 interval.at(1).get<double>()});
+}
+
 // Throws Json::exception where it is not what docs/gap.md says.
 void take_json(const Json& json, GapAnswer& answer) {
     answer.verdict = json.at("verdict").get<std::string>();
@@ -49,8 +56,12 @@ void take_json(const Json& json, GapAnswer& answer) {
         NamedEffect named{effect.at("name").get<std::string>(), {}};
         for (const Json& rival : effect.at("rivals"))
             named.rivals.push_back(rival.at("name").get<std::string>());
+        for (const Json& parameter : effect.at("parameters"))
+            take_parameter(named.name, parameter.at("name").get<std::string>(), parameter, answer);
         answer.effects.push_back(std::move(named));
     }
+    for (const auto& [name, known] : json.at("parameter_shift").items())
+        take_parameter("", name, known, answer);
     const Json stated = json.value("/heldout/forward_rms_rad_s/after"_json_pointer, Json());
     if (stated.is_number()) answer.stated_rms_rad_per_s = stated.get<double>();
 }
@@ -76,19 +87,23 @@ std::optional<gap::SimulatedRobot> written_robot(const std::string& path, std::s
     return robot;
 }
 
-double forward_rms(const gap::SimulatedRobot& robot, const std::vector<Piece>& pieces) {
-    double sum = 0;
+// Of both wheels' mean, and over both wheels.
+void run_freely(const gap::SimulatedRobot& robot, const std::vector<Piece>& pieces, GapAnswer& answer) {
+    double forward = 0;
+    double both = 0;
     double count = 0;
     for (const Piece& piece : pieces) {
         const auto& samples = piece.log->samples;
-        gap::free_run(robot, {piece.log, piece.first, piece.end, 0}, samples[piece.first].speed_rad_per_s,
-                      [&](std::size_t i, const WheelPair<double>& simulated) {
-                          const double off = simulated.sum() - samples[i].speed_rad_per_s.sum();
-                          sum += off * off / 4;
-                          count += 1;
-                      });
+        both +=
+            gap::free_run(robot, {piece.log, piece.first, piece.end, 0}, samples[piece.first].speed_rad_per_s,
+                          [&](std::size_t i, const WheelPair<double>& simulated) {
+                              const double off = simulated.sum() - samples[i].speed_rad_per_s.sum();
+                              forward += off * off / 4;
+                              count += 1;
+                          });
     }
-    return std::sqrt(sum / count);
+    answer.rms_rad_per_s = std::sqrt(forward / count);
+    answer.both_wheels_rms_rad_per_s = std::sqrt(both / 2 / count);
 }
 
 }  // namespace
@@ -147,7 +162,7 @@ GapAnswer ask_gap(const GapQuestion& question, const std::vector<Piece>& held_ou
     }
     if (!answer.refusal.empty()) return answer;
     if (const auto robot = written_robot(question.out + "/robot.extended.toml", answer.refusal))
-        answer.rms_rad_per_s = forward_rms(*robot, held_out);
+        run_freely(*robot, held_out, answer);
     return answer;
 }
 

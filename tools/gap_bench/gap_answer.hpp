@@ -29,12 +29,21 @@ struct NamedEffect {
     std::vector<std::string> rivals;
 };
 
+// A number that the answer gives with an interval: of an effect that is named, or one of K5..K8 (no effect).
+struct StatedParameter {
+    std::string effect, name;
+    double value = 0, low = 0, high = 0;
+};
+
 struct GapAnswer {
     std::string refusal;  // why there is no model; else empty
     std::string verdict;
     std::vector<NamedEffect> effects;
-    // Of a free run over the pieces asked for, rad/s: by the written robot file, and as gap.json states it.
+    std::vector<StatedParameter> parameters;  // those with an interval
+    // Of a free run over the pieces asked for, rad/s: by the written robot file, forward and over both
+    // wheels, and forward as gap.json states it.
     double rms_rad_per_s = std::numeric_limits<double>::infinity();
+    double both_wheels_rms_rad_per_s = std::numeric_limits<double>::infinity();
     double stated_rms_rad_per_s = std::numeric_limits<double>::quiet_NaN();
 
     Held held(std::string_view effect) const;

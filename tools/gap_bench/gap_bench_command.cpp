@@ -1,7 +1,6 @@
 // `wheelwright gap-bench`: what `wheelwright gap` is worth on measured logs, beside simpler methods.
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <filesystem>
 #include <memory>
 #include <stdexcept>
@@ -14,6 +13,7 @@
 #include "tools/cli/geometry_options.hpp"
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/run_program.hpp"
+#include "tools/cli/scratch_folder.hpp"
 #include "tools/gap_bench/bench_report.hpp"
 #include "tools/gap_bench/splits.hpp"
 
@@ -36,25 +36,6 @@ int bad_input(const std::vector<std::string>& problems) {
     for (const std::string& problem : problems) std::fprintf(stderr, "%s\n", problem.c_str());
     return kBadInput;
 }
-
-// Where nothing is to be kept, the analysis writes to a folder that goes with this.
-class Scratch {
-  public:
-    Scratch() {
-        path_ = (fs::temp_directory_path() / "wheelwright-gap-bench-XXXXXX").string();
-        if (::mkdtemp(path_.data()) == nullptr) throw std::runtime_error("cannot make " + path_);
-    }
-    ~Scratch() {
-        std::error_code ignored;
-        fs::remove_all(path_, ignored);
-    }
-    Scratch(const Scratch&) = delete;
-    Scratch& operator=(const Scratch&) = delete;
-    const std::string& path() const { return path_; }
-
-  private:
-    std::string path_;
-};
 
 int finish(const Report& report, const std::vector<bench::Aim>& aims, const std::string& json) {
     if (!report.publish(json)) return kMachineLacks;
@@ -94,7 +75,7 @@ int gap_bench(const Options& options) {
         return kUsage;
     }
     try {
-        const Scratch scratch;
+        const ScratchFolder scratch;  // where nothing is to be kept, the analysis writes here
         bench::BenchOptions settings;
         settings.program = options.analyser.empty() ? own_path() : options.analyser;
         settings.jobs = options.jobs;

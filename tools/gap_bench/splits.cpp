@@ -1,14 +1,10 @@
 #include "tools/gap_bench/splits.hpp"
 
 #include <algorithm>
-#include <atomic>
-#include <chrono>
 #include <cmath>
-#include <exception>
-#include <mutex>
-#include <thread>
 
 #include "firmware/task/robot_file.hpp"
+#include "tools/cli/in_parallel.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/gap_bench/peers/peers.hpp"
 
@@ -70,34 +66,10 @@ void compare(Task& task) {
 }
 
 std::vector<Split> compare_all(std::vector<Task> tasks, std::size_t jobs, const Progress& progress) {
-    std::atomic<std::size_t> next{0};
-    std::mutex mutex;
-    std::exception_ptr failed;
-    tools::CampaignProgress state;
-    state.all = tasks.size();
-    const auto begin = std::chrono::steady_clock::now();
-    const auto work = [&] {
-        for (std::size_t i = next++; i < tasks.size(); i = next++) {
-            try {
-                if (tasks[i].split.unusable.empty()) compare(tasks[i]);
-            } catch (const std::exception&) {
-                const std::scoped_lock lock(mutex);
-                failed = std::current_exception();
-                next = tasks.size();
-                return;
-            }
-            const std::scoped_lock lock(mutex);
-            ++state.done;
-            state.elapsed_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-            state.last = tasks[i].split.robot + " " + tasks[i].split.held_out;
-            progress(state);
-        }
-    };
-    std::vector<std::thread> threads;
-    for (std::size_t i = 1; i < std::min(jobs, tasks.size()); ++i) threads.emplace_back(work);
-    work();
-    for (std::thread& thread : threads) thread.join();
-    if (failed) std::rethrow_exception(failed);
+    tools::in_parallel(tasks.size(), jobs, progress, [&](std::size_t i) {
+        if (tasks[i].split.unusable.empty()) compare(tasks[i]);
+        return tasks[i].split.robot + " " + tasks[i].split.held_out;
+    });
     std::vector<Split> splits;
     for (Task& task : tasks) splits.push_back(std::move(task.split));
     return splits;
