@@ -230,6 +230,14 @@ class AdaptiveEstimator {
                 return false;
             case Work::watch:
                 watch_excitation();
+                work_ = Work::doubt_mass;
+                return false;
+            case Work::doubt_mass:
+                held_[kMass] += unnoticed(kMass);
+                work_ = Work::doubt_inertia;
+                return false;
+            case Work::doubt_inertia:
+                held_[kInertia] += unnoticed(kInertia);
                 work_ = Work::publish;
                 return false;
             case Work::publish:
@@ -269,7 +277,7 @@ class AdaptiveEstimator {
     static constexpr std::size_t kWatched = 3;  // the first, whether they are excited
     static constexpr std::size_t kFixed = 5;
     static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
-    static constexpr int kSteps = 12;      // cycles that a row's work takes, with a doubt
+    static constexpr int kSteps = 15;      // cycles that a row's work takes, with a doubt
     static constexpr int kWindowRows = 3;  // rows that one event can touch
     static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
@@ -305,6 +313,8 @@ class AdaptiveEstimator {
         monitor_settles,
         compare,
         watch,
+        doubt_mass,
+        doubt_inertia,
         publish
     };
 
@@ -527,7 +537,6 @@ class AdaptiveEstimator {
             excitation[i] = monitor_.excitation(static_cast<int>(i), held_[i]);
             excited_[i] = excitation[i] >= options_.minimum_excitation;
         }
-        for (const std::size_t i : {kMass, kInertia}) held_[i] += unnoticed(i);
         estimate_.excitation = {excitation[kAhead], excitation[kAhead], excitation[kMass],
                                 excitation[kInertia]};
     }

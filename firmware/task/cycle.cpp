@@ -408,6 +408,7 @@ WheelPair<double> Cycle::identify(const MotionInputs& now) {
 
 void Cycle::learn() {
     const bool waited = adapted_since_ > 0;
+    const bool was_long = long_cycle_;
     long_cycle_ = false;
     if (supervisor_.mode() != Mode::adaptive || !supervisor_.may_drive()) {
         adapted_since_ = 0;
@@ -427,7 +428,8 @@ void Cycle::learn() {
         const WheelPair<double> rim = learning_.dither_m_per_s2();
         control_.dither().set_amplitudes(rim.left, rim.right);
     }
-    long_cycle_ = waited || adapted_since_ == 1;
+    // telemetry waits a cycle; not for poses that come in every one
+    long_cycle_ = waited || adapted_since_ == 1 || (busy && !was_long);
 }
 
 // Nothing that is not a number, and nothing over the limit, leaves this function.

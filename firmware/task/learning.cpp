@@ -57,6 +57,7 @@ double apart(const model::EffectSet<double>& effects, double track_m, const mode
 constexpr double kDitherTorqueShare = 0.05;
 constexpr double kDitherWayShare = 0.002;
 constexpr double kRowsADither = 4.618;
+constexpr double kDitherOverSettling = 3;  // the loops then follow it
 constexpr double kDitherError = 0.01;
 
 double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
@@ -192,7 +193,8 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
         2 * kDitherTorqueShare * p.limits.torque_Nm *
         std::min(plant.dynamics.k7_per_kg_m, plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / 2);
     const double period_s =
-        2 * std::numbers::pi * std::sqrt(kDitherWayShare * plant.geometry.track_m / rim_m_per_s2);
+        std::max(2 * std::numbers::pi * std::sqrt(kDitherWayShare * plant.geometry.track_m / rim_m_per_s2),
+                 kDitherOverSettling * control::velocity_loop_speed(p, kCyclePeriod_s).settling_time_s);
     options.filter = filter_options(p, std::min(1.5 * period_s / kRowsADither, options.memory_s / kKernelsRemembered));
     const double noise_rad = p.velocity_loop.angle_noise_rad;
     if (noise_rad > 0) {
