@@ -13,12 +13,16 @@
 #include <string>
 #include <vector>
 
+#include "firmware/ident/regression_filter.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/ident/drive_log.hpp"
 #include "tools/logs/log_reading.hpp"
 #include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::tools {
+
+// The rows that the estimators make of a drive log.
+ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot);
 
 // One log for each stretch of at least a second in which every cycle is usable; times count from the log's
 // first frame, headings from the first stretch's.
