@@ -29,7 +29,7 @@ template <typename Real>
 struct DelayEstimate {
     Real delay_s{};  // the samples' age included
     Real standard_error_s{};
-    Real lag_s{};  // standard deviation of the torque's response about its centroid
+    Real lag_s{};        // standard deviation of the torque's response about its centroid
     bool valid = false;  // enough rows, torque seen to act, and 0 .. 8 ms beyond the samples' age
 };
 
@@ -89,8 +89,7 @@ class DelayEstimator {
         const Real further_s = (w1 * linear.value + w2 * turning.value) / (w1 + w2);
         result.delay_s = first_tap_s_ + further_s;
         result.standard_error_s = 1 / std::sqrt(w1 + w2);
-        result.lag_s =
-            std::sqrt(std::max(Real(0), (w1 * linear.square + w2 * turning.square) / (w1 + w2)));
+        result.lag_s = std::sqrt(std::max(Real(0), (w1 * linear.square + w2 * turning.square) / (w1 + w2)));
         result.valid = further_s >= 0 && further_s <= Real(kLongestFurther_s);
         return result;
     }

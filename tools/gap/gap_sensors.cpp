@@ -140,6 +140,23 @@ double common_step(std::span<const MeasuredLog> logs, double finest_rad_per_s) {
     return double(off) < 0.05 * double(all) ? step : 0.0;
 }
 
+// The sensor is slower than the log: samples between two changes come in multiples of one number, but for few
+// that jitter.
+template <typename Repeats>
+bool is_slower(std::size_t samples, const Repeats& repeats) {
+    constexpr std::size_t kSlowest = 20;  // samples for one of the sensor's
+    constexpr double kRegular = 0.75;     // by chance half of them are even
+    std::array<std::size_t, kSlowest + 1> multiples{};
+    std::size_t changes = 0;
+    for (std::size_t i = 1, last = 0; i < samples; ++i) {
+        if (repeats(i)) continue;
+        ++changes;
+        for (std::size_t n = 2; n <= kSlowest; ++n) multiples[n] += (i - last) % n == 0;
+        last = i;
+    }
+    return double(*std::max_element(multiples.begin(), multiples.end())) > kRegular * double(changes);
+}
+
 // `step`: that the speeds are told in; 0: none.
 void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
                std::vector<LogFault>& faults) {
@@ -154,6 +171,7 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
         const WheelPair<double>& w = log.samples[i].speed_rad_per_s;
         return w.left == 0 && w.right == 0;
     };
+    if (is_slower(log.samples.size(), repeats)) return;
     // how often one sample repeats the other by itself: where not both neighbours do, lest the runs count
     double alone = 0;
     double moving = 0;
@@ -183,16 +201,10 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
             return std::abs(speed(end) - speed(end - 1)) < 1.5 * step + 2 * std::abs(next);
         });
     };
-    double repeated = alone;
-    for (const auto& [begin, end] : runs) repeated += double(end - begin);
     std::erase_if(runs, [&](const auto& run) {
         const auto [begin, end] = run;
         return goes_on(end) || std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance;
     });
-    double leaping = 0;
-    for (const auto& [begin, end] : runs) leaping += double(end - begin);
-    // most samples repeat, and many of them while the speed goes on: that is the sensor's rate
-    if (repeated > moving / 2 && leaping > repeated / 4) return;
     std::size_t count = 0;
     double first_s = 0;
     for (const auto& [begin, end] : runs) {

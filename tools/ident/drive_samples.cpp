@@ -110,36 +110,10 @@ std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
             loop.left.restart(told.left);
             loop.right.restart(told.right);
         }
-        made.push_back({loop.left.mean(lag.left.mean(told.left)), loop.right.mean(lag.right.mean(told.right))});
+        made.push_back(
+            {loop.left.mean(lag.left.mean(told.left)), loop.right.mean(lag.right.mean(told.right))});
     }
     return made;
-}
-
-// When a told torque arrives, beside what its drive's encoder loop makes of it.
-struct Arrival {
-    double delay_s = 0;  // the centroid of its response
-    double lag_s = 0;    // of that
-};
-
-// By the log, within a cycle of the robot file: that was measured without the encoder loop. What is further off
-// is for the search.
-Arrival arrival_of(const DriveLog& log, const model::RobotParameters& robot) {
-    const Arrival filed{robot.velocity_loop.actuation_delay_s, 0};
-    if (model::effects_delay_s(robot.effects) > 0) return filed;
-    const ident::RegressionFilterOptions<double> options = filter_options(robot);
-    ident::DelayEstimator<double> estimator;
-    estimator.configure(options);
-    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log, 0);
-    for (std::size_t i = 0; i < log.cycles.size(); ++i) {
-        if (log.cycles[i].restart) estimator.restart();
-        ident::IdentSample<double> sample = log.cycles[i].sample;
-        sample.last_torque_Nm = told_Nm[i];
-        estimator.push(sample);
-    }
-    const ident::DelayEstimate<double> found = estimator.estimate();
-    const double delay_s = found.delay_s - options.sample_age_s;
-    if (!found.valid || std::abs(delay_s - filed.delay_s) > task::kCyclePeriod_s) return filed;
-    return {delay_s, std::min(found.lag_s, delay_s)};
 }
 
 }  // namespace
@@ -158,7 +132,30 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
     return options;
 }
 
-std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot) {
+Arrival arrival_of(const DriveLog& log, const model::RobotParameters& robot) {
+    const Arrival filed{robot.velocity_loop.actuation_delay_s, 0, false};
+    if (model::effects_delay_s(robot.effects) > 0) return filed;
+    ident::RegressionFilterOptions<double> options = filter_options(robot);
+    // beside friction, whether the file has it or not
+    for (const char* name : {"viscous_friction", "coulomb_friction"})
+        options.effects.active[model::find_effect(name)] = true;
+    ident::DelayEstimator<double> estimator;
+    estimator.configure(options);
+    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log, 0);
+    for (std::size_t i = 0; i < log.cycles.size(); ++i) {
+        if (log.cycles[i].restart) estimator.restart();
+        ident::IdentSample<double> sample = log.cycles[i].sample;
+        sample.last_torque_Nm = told_Nm[i];
+        estimator.push(sample);
+    }
+    const ident::DelayEstimate<double> found = estimator.estimate();
+    const double delay_s = found.delay_s - options.sample_age_s;
+    if (!found.valid || std::abs(delay_s - filed.delay_s) > task::kCyclePeriod_s) return filed;
+    return {delay_s, std::min(found.lag_s, delay_s), true};
+}
+
+std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot,
+                                      const Arrival& arrival) {
     std::vector<MeasuredLog> made;
     const double cycle_s = task::kCyclePeriod_s;
     const double age = task::Learning::sample_age_s(robot) / cycle_s;
@@ -166,7 +163,6 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
         static_cast<std::ptrdiff_t>(std::ceil(1e-3 * robot.drive.encoder_period_ms / cycle_s));
     const std::ptrdiff_t period = std::max(kFewestCyclesPerSample, 2 * encoder);
     const std::ptrdiff_t half = period / 2;
-    const Arrival arrival = arrival_of(log, robot);
     const TorqueWeights torque(period, age, (arrival.delay_s - arrival.lag_s) / cycle_s);
     const auto before = std::max(half, -torque.first);  // cycles needed before a sample
     const std::span<const DriveLog::Cycle> cycles = log.cycles;
@@ -237,16 +233,25 @@ SampledLog read_sampled_log(const std::string& path, const std::optional<model::
     say(read.notes, log.notes);
     say(read.problems, log.problems);
     if (!read.problems.empty()) return read;
-    if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
+    const auto note = [&](const char* format, double first, double second) {
         std::array<char, 160> text{};
-        std::snprintf(
-            text.data(), text.size(),
+        std::snprintf(text.data(), text.size(), format, first, second);
+        read.notes.push_back(path + ": " + text.data());
+    };
+    if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
+        note(
             "the drives' encoder loops have %.3g (left) and %.3g rad/s (right), by what they report: "
             "the torques are taken through them as well",
             1 / lag.left, 1 / lag.right);
-        read.notes.push_back(path + ": " + text.data());
     }
-    read.logs = even_samples(log, *robot);
+    const Arrival arrival = arrival_of(log, *robot);
+    if (arrival.by_log) {
+        note(
+            "the torques act %.3g ms after their cycles' starts, %.3g ms of which are a lag, by what the "
+            "wheels do",
+            1e3 * arrival.delay_s, 1e3 * arrival.lag_s);
+    }
+    read.logs = even_samples(log, *robot, arrival);
     if (read.logs.empty()) {
         read.problems.push_back(path +
                                 ": holds no second in which both drives were in closed loop, heard and told");
