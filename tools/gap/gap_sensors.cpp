@@ -432,10 +432,14 @@ Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geome
         constexpr double kCounting_s = model::EncoderQuantisation::kCountingTime_s;
         const double counts = 2 * std::numbers::pi / (step * kCounting_s);
         // one that tells a speed more seldom counts for longer, and for how long nobody knows
-        const bool seldom = std::any_of(logs.begin(), logs.end(), [&](const MeasuredLog& log) {
-            return double(samples_together(log)) * log.period_s > 1.5 * kCounting_s;
-        });
-        if (seldom) {
+        double samples = 0;
+        double seldom = 0;
+        for (const MeasuredLog& log : logs) {
+            const auto count = double(log.samples.size());
+            samples += count;
+            if (double(samples_together(log)) * log.period_s > 1.5 * kCounting_s) seldom += count;
+        }
+        if (seldom > samples / 2) {
             sensors.unknown_step_rad_per_s = step;
         } else {
             sensors.effects.push_back({model::find_effect("encoder_quantisation"), counts, 1e-4 * counts});
