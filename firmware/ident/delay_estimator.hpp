@@ -29,6 +29,7 @@ template <typename Real>
 struct DelayEstimate {
     Real delay_s{};  // the samples' age included
     Real standard_error_s{};
+    Real lag_s{};        // standard deviation of the torque's response about its centroid
     bool valid = false;  // enough rows, torque seen to act, and 0 .. 8 ms beyond the samples' age
 };
 
@@ -88,6 +89,7 @@ class DelayEstimator {
         const Real further_s = (w1 * linear.value + w2 * turning.value) / (w1 + w2);
         result.delay_s = first_tap_s_ + further_s;
         result.standard_error_s = 1 / std::sqrt(w1 + w2);
+        result.lag_s = std::sqrt(std::max(Real(0), (w1 * linear.square + w2 * turning.square) / (w1 + w2)));
         result.valid = further_s >= 0 && further_s <= Real(kLongestFurther_s);
         return result;
     }
@@ -127,7 +129,7 @@ class DelayEstimator {
         ColouredErrors<Real, kSize> errors;
     };
     struct Centroid {
-        Real value{}, variance{};
+        Real value{}, variance{}, square{};  // square: of the deviation from the value, mean
         bool known = false;
     };
 
@@ -161,10 +163,12 @@ class DelayEstimator {
         constexpr auto kSpacing = static_cast<Real>(kTapSpacing_s);
         Real total = 0;
         Real moment = 0;
+        Real second = 0;
         for (int k = 0; k < kTaps; ++k) {
             const Real tap = theta[static_cast<std::size_t>(kTap + k)];
             total += tap;
             moment += tap * kSpacing * static_cast<Real>(k);
+            second += tap * kSpacing * kSpacing * static_cast<Real>(k * k);
         }
         if (!(total > 0)) return {};
         const Real value = moment / total;
@@ -174,7 +178,7 @@ class DelayEstimator {
                 p[static_cast<std::size_t>(i)] +=
                     equation.rls.covariance(i, kTap + k) * (kSpacing * static_cast<Real>(k) - value) / total;
         const Real variance = equation.errors.covariance(equation.errors.noise_variances(), p, p);
-        return {value, variance, variance > 0};
+        return {value, variance, second / total - value * value, variance > 0};
     }
 
     RegressionFilter<Real, kTaps> filter_;

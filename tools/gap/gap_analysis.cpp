@@ -5,6 +5,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/cli/report.hpp"
 #include "tools/gap/gap_known.hpp"
 #include "tools/gap/gap_left.hpp"
 #include "tools/gap/gap_logs.hpp"
@@ -129,6 +130,12 @@ Findings analyse(const Request& request) {
     // the sensors by themselves
     Told told = told_by_sensors(logs.logs, request.geometry, overview.turning, request.without);
     findings.gyro = told.gyro;
+    if (told.unknown_step_rad_per_s > 0) {
+        findings.notes.push_back(
+            "the speeds are told in steps of " + tools::number_text(told.unknown_step_rad_per_s, 3) +
+            " rad/s, by a sensor that is slower than the log: over how long it counts, and "
+            "so how many counts a turn has, is not known");
+    }
     if (told.gyro) {
         const std::optional<std::string> wrong = wrong_beside_gyro(*told.gyro);
         if (wrong) findings.problems.push_back(*wrong);
@@ -181,7 +188,9 @@ Findings analyse(const Request& request) {
     search.closable_share = closed_share(pointers(held_out), search);
     look_at_what_is_left(search, left_options(looks, parts.training, known));
     refine(search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
-    name_voltage_drag(search.effects, request.without);
+    std::vector<std::size_t> known_effects = known.excluded;
+    for (const auto& given : known.given) known_effects.push_back(given.first);
+    name_unmeasured(search.effects, known_effects);
     advise_motions(search.effects, confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
     name_what_sensors_show(search, told, known, track_m);
     judge_by_sensors(search, told, request.without, track_m);

@@ -46,6 +46,7 @@ Told told_by_sensors(const std::vector<tools::MeasuredLog>& logs, const model::G
     told.late_report = is_among(left_out, kLag) && shows(sensors.effects, kLag);
     std::erase_if(sensors.effects, [&](const SensorEffect& e) { return is_among(left_out, e.effect); });
     told.effects = std::move(sensors.effects);
+    told.unknown_step_rad_per_s = sensors.unknown_step_rad_per_s;
     if (turning) told.gyro = sensors.gyro;
     return told;
 }
@@ -67,7 +68,7 @@ Known known_before(const Told& told, std::span<const std::size_t> left_out, doub
     constexpr double kShortLag_s = 0.003;
     Known known;
     known.excluded.assign(left_out.begin(), left_out.end());
-    known.white_noise = !shows(told.effects, kCounts);
+    known.white_noise = !shows(told.effects, kCounts) && told.unknown_step_rad_per_s == 0;
     if (!told.gyro) return known;
     for (const SensorEffect& e : told.effects) {
         if (e.effect != kLag) continue;

@@ -18,7 +18,8 @@ namespace wheelwright::gap {
 struct Told {
     std::optional<Sensors::Gyro> gyro;  // where the robot turns
     std::vector<SensorEffect> effects;  // none that is left out
-    bool late_report = false;           // of the wheel speeds: the gyro says so, and it is left out
+    double unknown_step_rad_per_s = 0;
+    bool late_report = false;  // of the wheel speeds: the gyro says so, and it is left out
 };
 Told told_by_sensors(const std::vector<tools::MeasuredLog>& logs, const model::Geometry<double>& geometry,
                      bool turning, std::span<const std::size_t> left_out);

@@ -20,9 +20,7 @@ using tools::number_text;
 std::string name_of(std::size_t effect) { return std::string(model::kEffects[effect].name); }
 
 std::string words_of(const Rival& rival) {
-    if (rival.torque_is_voltage) {
-        return "torque from the motors' currents: this one may be made from voltage, back-EMF not taken off";
-    }
+    if (!rival.measurement.empty()) return std::string(rival.measurement);
     return rival.motion != nullptr ? std::string(rival.motion->words) : "another motion";
 }
 

@@ -249,10 +249,8 @@ void evidence(Section& s, const NamedEffect& e) {
     for (const Rival& r : e.rivals) {
         std::string text =
             "What would tell " + code(name_of(e.effect)) + " from " + code(name_of(r.effect)) + ": ";
-        if (r.torque_is_voltage) {
-            text +=
-                "torque from the motors' currents. This one may be made from voltage, whose back-EMF was not "
-                "taken off.";
+        if (!r.measurement.empty()) {
+            text += std::string(r.measurement) + ".";
         } else if (r.motion == nullptr) {
             text += "another motion.";
         } else {

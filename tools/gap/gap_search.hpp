@@ -26,8 +26,7 @@ struct Rival {
     bool richer = false;  // has more to choose, and is not surely better for it: the simpler one is named
     bool coarse = false;  // judged at the first look's points only, and may do better between them
     double keeps = 0;     // share of the gain that it keeps in the winner's place
-    // A drag that a torque column made from voltage would show; the motors' currents would tell.
-    bool torque_is_voltage = false;
+    std::string_view measurement;  // that would tell it, where no motion does; empty: none is known
     // Driven with this size it tells them apart best (motions.hpp); null: none is known.
     const Motion* motion = nullptr;
     double motion_size_Nm = 0;

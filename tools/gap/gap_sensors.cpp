@@ -140,20 +140,40 @@ double common_step(std::span<const MeasuredLog> logs, double finest_rad_per_s) {
     return double(off) < 0.05 * double(all) ? step : 0.0;
 }
 
+bool repeats(const MeasuredLog& log, std::size_t i) {
+    const MeasuredSample& a = log.samples[i - 1];
+    const MeasuredSample& b = log.samples[i];
+    return a.speed_rad_per_s.left == b.speed_rad_per_s.left &&
+           a.speed_rad_per_s.right == b.speed_rad_per_s.right &&
+           (!log.has_gyro || a.gyro_rad_per_s == b.gyro_rad_per_s);
+}
+
+// Samples of the log for one of the sensor's, where that is slower; else 1. Samples between two changes then
+// come in multiples of that, but for few that jitter.
+std::size_t samples_together(const MeasuredLog& log) {
+    constexpr std::size_t kSlowest = 20;  // samples for one of the sensor's
+    constexpr double kRegular = 0.75;     // by chance half of them are even
+    std::array<std::size_t, kSlowest + 1> multiples{};
+    std::size_t changes = 0;
+    for (std::size_t i = 1, last = 0; i < log.samples.size(); ++i) {
+        if (repeats(log, i)) continue;
+        ++changes;
+        for (std::size_t n = 2; n <= kSlowest; ++n) multiples[n] += (i - last) % n == 0;
+        last = i;
+    }
+    std::size_t together = kSlowest;
+    while (together > 1 && !(double(multiples[together]) > kRegular * double(changes))) --together;
+    return std::max<std::size_t>(1, together);
+}
+
 // `step`: that the speeds are told in; 0: none.
 void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
                std::vector<LogFault>& faults) {
-    const auto repeats = [&](std::size_t i) {
-        const MeasuredSample& a = log.samples[i - 1];
-        const MeasuredSample& b = log.samples[i];
-        return a.speed_rad_per_s.left == b.speed_rad_per_s.left &&
-               a.speed_rad_per_s.right == b.speed_rad_per_s.right &&
-               (!log.has_gyro || a.gyro_rad_per_s == b.gyro_rad_per_s);
-    };
     const auto still = [&](std::size_t i) {
         const WheelPair<double>& w = log.samples[i].speed_rad_per_s;
         return w.left == 0 && w.right == 0;
     };
+    if (samples_together(log) > 1) return;
     // how often one sample repeats the other by itself: where not both neighbours do, lest the runs count
     double alone = 0;
     double moving = 0;
@@ -164,7 +184,7 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
             continue;
         }
         std::size_t end = i;
-        while (end < log.samples.size() && repeats(end) && !still(end)) ++end;
+        while (end < log.samples.size() && repeats(log, end) && !still(end)) ++end;
         moving += double(std::max<std::size_t>(1, end - i));
         if (end - i >= kHeld)
             runs.emplace_back(i, end);
@@ -183,16 +203,10 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
             return std::abs(speed(end) - speed(end - 1)) < 1.5 * step + 2 * std::abs(next);
         });
     };
-    double repeated = alone;
-    for (const auto& [begin, end] : runs) repeated += double(end - begin);
     std::erase_if(runs, [&](const auto& run) {
         const auto [begin, end] = run;
         return goes_on(end) || std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance;
     });
-    double leaping = 0;
-    for (const auto& [begin, end] : runs) leaping += double(end - begin);
-    // most samples repeat, and many of them while the speed goes on: that is the sensor's rate
-    if (repeated > moving / 2 && leaping > repeated / 4) return;
     std::size_t count = 0;
     double first_s = 0;
     for (const auto& [begin, end] : runs) {
@@ -415,8 +429,21 @@ std::vector<LogFault> repair(MeasuredLog& log, std::vector<bool>& unusable) {
 Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& geometry) {
     Sensors sensors;
     if (const double step = common_step(logs, kCoarse_rad_per_s); step > 0) {
-        const double counts = 2 * std::numbers::pi / (step * model::EncoderQuantisation::kCountingTime_s);
-        sensors.effects.push_back({model::find_effect("encoder_quantisation"), counts, 1e-4 * counts});
+        constexpr double kCounting_s = model::EncoderQuantisation::kCountingTime_s;
+        const double counts = 2 * std::numbers::pi / (step * kCounting_s);
+        // one that tells a speed more seldom counts for longer, and for how long nobody knows
+        double samples = 0;
+        double seldom = 0;
+        for (const MeasuredLog& log : logs) {
+            const auto count = double(log.samples.size());
+            samples += count;
+            if (double(samples_together(log)) * log.period_s > 1.5 * kCounting_s) seldom += count;
+        }
+        if (seldom > samples / 2) {
+            sensors.unknown_step_rad_per_s = step;
+        } else {
+            sensors.effects.push_back({model::find_effect("encoder_quantisation"), counts, 1e-4 * counts});
+        }
     }
     if (!std::all_of(logs.begin(), logs.end(), [](const MeasuredLog& log) { return log.has_gyro; })) {
         return sensors;

@@ -30,6 +30,7 @@ struct SensorEffect {
 
 struct Sensors {
     std::vector<SensorEffect> effects;
+    double unknown_step_rad_per_s = 0;  // that the speeds are told in, by counts over an unknown time
     // gyro = bias + slope (wheels' yaw rate) + bend v, behind the wheels by `lag_s`
     struct Gyro {
         double bias_rad_per_s = 0, bias_error = 0;

@@ -9,6 +9,7 @@
 #include "firmware/task/learning.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ident/drive_log.hpp"
+#include "tools/ident/drive_samples.hpp"
 #include "tools/ident/findings.hpp"
 #include "tools/ident/regression.hpp"
 
@@ -21,19 +22,10 @@ constexpr std::uint32_t kFewestRows = 200;  // as the estimator: below, it state
 
 ident::DynamicsEstimatorOptions<double> estimator_options(const IdentSetup& setup) {
     ident::DynamicsEstimatorOptions<double> options;
-    options.filter.geometry = setup.robot.geometry;
-    options.filter.effects = setup.robot.effects;
-    options.filter.dynamics = setup.robot.dynamics;
+    options.filter = filter_options(setup.robot);
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         options.filter.effects.active[i] = options.filter.effects.active[i] || setup.effects[i];
     }
-    options.filter.sample_time_s = task::kCyclePeriod_s;
-    constexpr double kUsualBit_s = 0.02;  // a log does not say which bits it was driven with
-    const double kernel_s = setup.robot.ident.kernel_s;
-    options.filter.kernel_s =
-        kernel_s > 0 ? kernel_s : ident::kernel_for_bit_s(kUsualBit_s, task::kCyclePeriod_s);
-    options.filter.sample_age_s = task::Learning::sample_age_s(setup.robot);
-    options.filter.delay_s = setup.robot.velocity_loop.actuation_delay_s + options.filter.sample_age_s;
     options.relative_standard_error = setup.relative_standard_error;
     return options;
 }

@@ -7,6 +7,8 @@
 #include <iterator>
 #include <span>
 
+#include "firmware/ident/delay_estimator.hpp"
+#include "firmware/ident/sizing.hpp"
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/learning.hpp"
 #include "tools/logs/read_measured.hpp"
@@ -29,17 +31,38 @@ struct TorqueWeights {
     std::ptrdiff_t first = 0;
     std::vector<double> weight;
 
-    // An angle is `age` cycles older than its cycle; a command acts for one cycle around `delay`.
+    // An angle is `age` cycles older than its cycle; a command acts for one cycle, from `delay` on.
     TorqueWeights(std::ptrdiff_t period, double age, double delay) {
         const auto p = static_cast<double>(period);
         const double centre = p / 2 - age - delay;
-        first = static_cast<std::ptrdiff_t>(std::floor(centre - p - 0.5));
-        const auto last = static_cast<std::ptrdiff_t>(std::ceil(centre + p + 0.5));
+        first = static_cast<std::ptrdiff_t>(std::floor(centre - p - 1));
+        const auto last = static_cast<std::ptrdiff_t>(std::ceil(centre + p));
         for (std::ptrdiff_t m = first; m <= last; ++m) {
-            const double from = (static_cast<double>(m) - 0.5 - centre) / p;
+            const double from = (static_cast<double>(m) - centre) / p;
             weight.push_back(below_triangle(from + 1 / p) - below_triangle(from));
         }
     }
+};
+
+// What a first-order lag makes of a torque that each cycle holds, as means over cycles.
+class TorqueLag {
+  public:
+    explicit TorqueLag(double lag_s)
+        : cycles_(task::kCyclePeriod_s / std::max(lag_s, 1e-9)), end_(std::exp(-cycles_)) {}
+    void restart(double torque) {
+        torque_ = torque;
+        off_ = 0;
+    }
+    double mean(double torque) {
+        off_ += torque_ - torque;
+        torque_ = torque;
+        const double mean = off_ * (1 - end_) / cycles_;
+        off_ *= end_;
+        return torque + mean;
+    }
+
+  private:
+    double cycles_, end_, torque_ = 0, off_ = 0;
 };
 
 // What a drive's encoder loop makes of a torque as it does of the angle: (2 b s + b^2) / (s + b)^2, as means
@@ -73,26 +96,66 @@ class EncoderLoop {
     double torque_ = 0, off_ = 0, slope_ = 0;
 };
 
-// What was told in each cycle, through the encoder loops.
-std::vector<WheelPair<double>> torques_Nm(const DriveLog& log) {
+// What was told in each cycle, through the drives' lag and their encoder loops.
+std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
     std::vector<WheelPair<double>> made;
     made.reserve(log.cycles.size());
-    EncoderLoop left(log.encoder_lag_s.left);
-    EncoderLoop right(log.encoder_lag_s.right);
+    WheelPair<TorqueLag> lag{TorqueLag(lag_s), TorqueLag(lag_s)};
+    WheelPair<EncoderLoop> loop{EncoderLoop(log.encoder_lag_s.left), EncoderLoop(log.encoder_lag_s.right)};
     for (const DriveLog::Cycle& cycle : log.cycles) {
         const WheelPair<double>& told = cycle.sample.last_torque_Nm;
         if (cycle.restart) {
-            left.restart(told.left);
-            right.restart(told.right);
+            lag.left.restart(told.left);
+            lag.right.restart(told.right);
+            loop.left.restart(told.left);
+            loop.right.restart(told.right);
         }
-        made.push_back({left.mean(told.left), right.mean(told.right)});
+        made.push_back(
+            {loop.left.mean(lag.left.mean(told.left)), loop.right.mean(lag.right.mean(told.right))});
     }
     return made;
 }
 
 }  // namespace
 
-std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot) {
+ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot) {
+    constexpr double kUsualBit_s = 0.02;  // a log does not say which bits it was driven with
+    ident::RegressionFilterOptions<double> options;
+    options.geometry = robot.geometry;
+    options.effects = robot.effects;
+    options.dynamics = robot.dynamics;
+    options.sample_time_s = task::kCyclePeriod_s;
+    options.kernel_s = robot.ident.kernel_s > 0 ? robot.ident.kernel_s
+                                                : ident::kernel_for_bit_s(kUsualBit_s, task::kCyclePeriod_s);
+    options.sample_age_s = task::Learning::sample_age_s(robot);
+    options.delay_s = robot.velocity_loop.actuation_delay_s + options.sample_age_s;
+    return options;
+}
+
+Arrival arrival_of(const DriveLog& log, const model::RobotParameters& robot) {
+    const Arrival filed{robot.velocity_loop.actuation_delay_s, 0, false};
+    if (model::effects_delay_s(robot.effects) > 0) return filed;
+    ident::RegressionFilterOptions<double> options = filter_options(robot);
+    // beside friction, whether the file has it or not
+    for (const char* name : {"viscous_friction", "coulomb_friction"})
+        options.effects.active[model::find_effect(name)] = true;
+    ident::DelayEstimator<double> estimator;
+    estimator.configure(options);
+    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log, 0);
+    for (std::size_t i = 0; i < log.cycles.size(); ++i) {
+        if (log.cycles[i].restart) estimator.restart();
+        ident::IdentSample<double> sample = log.cycles[i].sample;
+        sample.last_torque_Nm = told_Nm[i];
+        estimator.push(sample);
+    }
+    const ident::DelayEstimate<double> found = estimator.estimate();
+    const double delay_s = found.delay_s - options.sample_age_s;
+    if (!found.valid || std::abs(delay_s - filed.delay_s) > task::kCyclePeriod_s) return filed;
+    return {delay_s, std::min(found.lag_s, delay_s), true};
+}
+
+std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot,
+                                      const Arrival& arrival) {
     std::vector<MeasuredLog> made;
     const double cycle_s = task::kCyclePeriod_s;
     const double age = task::Learning::sample_age_s(robot) / cycle_s;
@@ -100,10 +163,10 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
         static_cast<std::ptrdiff_t>(std::ceil(1e-3 * robot.drive.encoder_period_ms / cycle_s));
     const std::ptrdiff_t period = std::max(kFewestCyclesPerSample, 2 * encoder);
     const std::ptrdiff_t half = period / 2;
-    const TorqueWeights torque(period, age, robot.velocity_loop.actuation_delay_s / cycle_s);
+    const TorqueWeights torque(period, age, (arrival.delay_s - arrival.lag_s) / cycle_s);
     const auto before = std::max(half, -torque.first);  // cycles needed before a sample
     const std::span<const DriveLog::Cycle> cycles = log.cycles;
-    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log);
+    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log, arrival.lag_s);
     bool any = false;
     double first_heading_rad = 0;
     for (std::size_t begin = 0; begin < cycles.size();) {
@@ -170,16 +233,25 @@ SampledLog read_sampled_log(const std::string& path, const std::optional<model::
     say(read.notes, log.notes);
     say(read.problems, log.problems);
     if (!read.problems.empty()) return read;
-    if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
+    const auto note = [&](const char* format, double first, double second) {
         std::array<char, 160> text{};
-        std::snprintf(
-            text.data(), text.size(),
+        std::snprintf(text.data(), text.size(), format, first, second);
+        read.notes.push_back(path + ": " + text.data());
+    };
+    if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
+        note(
             "the drives' encoder loops have %.3g (left) and %.3g rad/s (right), by what they report: "
             "the torques are taken through them as well",
             1 / lag.left, 1 / lag.right);
-        read.notes.push_back(path + ": " + text.data());
     }
-    read.logs = even_samples(log, *robot);
+    const Arrival arrival = arrival_of(log, *robot);
+    if (arrival.by_log) {
+        note(
+            "the torques act %.3g ms after their cycles' starts, %.3g ms of which are a lag, by what the "
+            "wheels do",
+            1e3 * arrival.delay_s, 1e3 * arrival.lag_s);
+    }
+    read.logs = even_samples(log, *robot, arrival);
     if (read.logs.empty()) {
         read.problems.push_back(path +
                                 ": holds no second in which both drives were in closed loop, heard and told");

@@ -4,15 +4,16 @@
 // A sample's speed is the mean over one sampling period around it, from angles alone. The torque from it to
 // the next sample is the commands' mean with the weight (a triangle) that makes
 //     speed difference = period x K x torque
-// exact for these speeds; commands count from when they act, by the robot file's actuation delay. The angles
-// are those of the drives' encoder loops, which the torques pass through as well (DriveLog::encoder_lag_s).
-// So nothing is smoothed on one side only.
+// exact for these speeds; commands count from when they act (Arrival). The angles are those of the drives'
+// encoder loops, which the torques pass through as well (DriveLog::encoder_lag_s). So nothing is smoothed on
+// one side only.
 #pragma once
 
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "firmware/ident/regression_filter.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/ident/drive_log.hpp"
 #include "tools/logs/log_reading.hpp"
@@ -20,9 +21,23 @@
 
 namespace wheelwright::tools {
 
+// The rows that the estimators make of a drive log.
+ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot);
+
+// When a told torque acts, beside what its drive's encoder loop makes of it: by the log, where that tells and
+// is within a cycle of the robot file's delay, which may have been measured without the encoder loop. What is
+// further off is a missing effect.
+struct Arrival {
+    double delay_s = 0;  // from a cycle's start to the centroid of the response to its torque
+    double lag_s = 0;    // the part of it that is a first-order lag
+    bool by_log = false;
+};
+Arrival arrival_of(const DriveLog& log, const model::RobotParameters& robot);
+
 // One log for each stretch of at least a second in which every cycle is usable; times count from the log's
 // first frame, headings from the first stretch's.
-std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot);
+std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotParameters& robot,
+                                      const Arrival& arrival);
 
 // A log of any form. `logs`: the stretches of a candump log, or the segments of a measured one.
 struct SampledLog {

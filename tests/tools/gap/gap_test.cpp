@@ -196,6 +196,28 @@ TEST(GapSearch, a_delay_in_noise_is_told_from_a_lag) {
 
 TEST_GROUP(GapSensors){};
 
+// Speeds in steps of 0.12 rad/s, told anew every 20 ms or with each row of 5 ms.
+TEST(GapSensors, a_sensor_slower_than_the_log_loses_no_rows_and_its_counts_are_not_known) {
+    for (const int together : {4, 1}) {
+        tools::MeasuredLog log;
+        log.period_s = 0.005;
+        for (int i = 0; i < 2000; ++i) {
+            tools::MeasuredSample s;
+            s.t_s = i * log.period_s;
+            const double told_s = i / together * together * log.period_s;
+            const double speed = 0.12 * std::round((9 + 6 * std::sin(1.3 * told_s)) / 0.12);
+            s.speed_rad_per_s = {speed, speed};
+            s.torque_Nm = {1, 1};
+            log.samples.push_back(s);
+        }
+        std::vector<bool> unusable;
+        CHECK(gap::repair(log, unusable).empty());
+        const gap::Sensors sensors = gap::look_at_sensors({log}, {{0.08, 0.08}, 0.4});
+        CHECK_EQUAL(together == 1 ? 1U : 0U, sensors.effects.size());
+        DOUBLES_EQUAL(together == 1 ? 0 : 0.12, sensors.unknown_step_rad_per_s, 1e-9);
+    }
+}
+
 // The wheels' speeds are sums of sines, late by a first-order lag whose gain and phase are known; the gyro is
 // in time, and noisier than what the lag makes.
 TEST(GapSensors, a_lag_of_the_report_is_known_from_a_noisy_gyro) {

@@ -87,6 +87,8 @@ class Robot:
             return "no answer", text.splitlines()[-1:]
         with open(os.path.join(out, "gap.json"), encoding="utf-8") as file:
             answer = json.load(file)
+        if answer["verdict"] == "unusable_log":
+            return "unusable_log", text.splitlines()[-1:]
         for value in re.search(r"encoder loops have (\S+) \(left\) and (\S+) ", text).groups():
             if self.loop_rad_per_s < SLOWEST_UNSEEN_rad_per_s and abs(float(value) / self.loop_rad_per_s - 1) > LOOP_WITHIN:
                 return "loop misread", [value]
