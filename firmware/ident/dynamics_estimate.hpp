@@ -26,6 +26,16 @@ struct DynamicsEstimate {
     bool good_enough = false;       // K7 and K8 positive, and known to the wanted relative standard error
 };
 
+// Before there is a row.
+template <typename Real>
+DynamicsEstimate<Real> nothing_known(const std::array<bool, model::kEffectCount>& effects) {
+    DynamicsEstimate<Real> estimate;
+    estimate.effects.active = effects;
+    const auto unknown = static_cast<Real>(kUnknownError);
+    estimate.standard_error = {unknown, unknown, unknown, unknown};
+    return estimate;
+}
+
 // Where in an EffectSet each column belongs, in catalogue order.
 struct ColumnPlace {
     std::uint8_t effect = 0;

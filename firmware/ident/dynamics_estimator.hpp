@@ -76,9 +76,14 @@ class DynamicsEstimator {
     static constexpr int kTaps = 3;
 
     void configure(const DynamicsEstimatorOptions<Real>& options) {
-        options_ = options;
-        options_.filter.tap_spacing_s = spacing_s(options.filter.delay_s);
-        filter_.configure(options_.filter);
+        relative_standard_error_ = options.relative_standard_error;
+        coupling_standard_error_m_ = options.coupling_standard_error_m;
+        dry_share_ = options.dry_share;
+        prior_variance_ = options.prior_variance;
+        sample_time_s_ = options.filter.sample_time_s;
+        track_m_ = static_cast<Real>(options.filter.geometry.track_m);
+        filter_.configure(options.filter);
+        set_delay(options.filter.delay_s);
         columns_ = column_places(filter_.estimated(), places_);
         const int size = kFixed + columns_;
         Vector prior{};
@@ -92,14 +97,14 @@ class DynamicsEstimator {
             equation.monitor.reset(1 - std::min(Real(0.5), interval_s / options.excitation_memory_s), prior,
                                    size);
         }
-        estimate_ = {};
-        estimate_.effects.active = options.filter.effects.active;
-        const auto unknown = static_cast<Real>(kUnknownError);
-        estimate_.standard_error = {unknown, unknown, unknown, unknown};
+        estimate_ = nothing_known<Real>(options.filter.effects.active);
         work_ = Work::none;
     }
 
-    void set_delay(double delay_s) { filter_.set_delay(delay_s, spacing_s(delay_s)); }
+    void set_delay(double delay_s) {
+        delay_s_ = delay_s;
+        filter_.set_delay(delay_s, tap_spacing_s());
+    }
 
     // After a gap in the samples. What was learned stays.
     void restart() { filter_.restart(); }
@@ -145,12 +150,14 @@ class DynamicsEstimator {
     const DynamicsEstimate<Real>& estimate() const { return estimate_; }
     const RegressionFilter<Real, kTaps>& filter() const { return filter_; }
 
+    // Of the torque columns: so that none lies before the torque was told.
+    double tap_spacing_s() const { return std::min(kLargestTapSpacing_s, delay_s_ + 1.9 * sample_time_s_); }
+
     // Standard errors of K5, and of K6 as the length K5 that belongs to it.
     Real k5_error_m() const { return estimate_.standard_error.k5_m; }
     Real k6_error_m() const {
         const model::Dynamics<Real>& k = estimate_.dynamics;
-        return estimate_.standard_error.k6_per_m * static_cast<Real>(options_.filter.geometry.track_m) *
-               k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
+        return estimate_.standard_error.k6_per_m * track_m_ * k.k7_per_kg_m / (2 * k.k8_per_kg_m2);
     }
 
     // How much of the slow acceleration, over runs of rows in which the sensors' noise cancels, the model
@@ -256,11 +263,6 @@ class DynamicsEstimator {
         double prior_information = 0;  // the part of it that was there before any data
     };
 
-    // So that no tap lies before the torque was told.
-    double spacing_s(double delay_s) const {
-        return std::min(kLargestTapSpacing_s, delay_s + 1.9 * options_.filter.sample_time_s);
-    }
-
     void update_linear() {
         const RegressionRow<Real, kTaps>& row = filter_.row();
         regress(equation_[0], 1, row.omega_squared, {row.v_omega, 0}, row.acceleration.v_m_per_s2);
@@ -329,7 +331,7 @@ class DynamicsEstimator {
         equation.timing_power += share * (timing * timing - equation.timing_power);
         const Real window = timing_memory_rows_ * timing_memory_rows_ * equation.timing_power;
         if (!(window > 0)) return;
-        const Real walk = std::min(1 / (window * weight * weight), options_.prior_variance);
+        const Real walk = std::min(1 / (window * weight * weight), prior_variance_);
         for (int i = 0; i < kTiming; ++i) equation.rls.add_variance(i, walk);
     }
 
@@ -393,7 +395,7 @@ class DynamicsEstimator {
         }
         const double unit = gain * gain / static_cast<double>(equation.errors.residual_variance());
         equation.effect_information = unit * inverse(bare);
-        equation.prior_information = unit / static_cast<double>(options_.prior_variance);
+        equation.prior_information = unit / static_cast<double>(prior_variance_);
     }
 
     // Of a symmetric positive matrix whose scales may differ by many powers of ten: Gauss-Jordan, which needs
@@ -428,7 +430,7 @@ class DynamicsEstimator {
     }
 
     // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
-    Real slow_error_share() const { return kOfABound * options_.dry_share * options_.dry_share; }
+    Real slow_error_share() const { return kOfABound * dry_share_ * dry_share_; }
 
     // The share of the slow acceleration that something missing may stand behind: what is unexplained beyond
     // white noise on the plant (rows average it with a quadratic B-spline, so that of its power 0.55 stands
@@ -471,10 +473,10 @@ class DynamicsEstimator {
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
         estimate_.good_enough = estimate_.rows >= kRowsToJudge && k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 &&
-                                e.k7_per_kg_m <= options_.relative_standard_error * k.k7_per_kg_m &&
-                                e.k8_per_kg_m2 <= options_.relative_standard_error * k.k8_per_kg_m2 &&
-                                k5_error_m() <= options_.coupling_standard_error_m &&
-                                k6_error_m() <= options_.coupling_standard_error_m;
+                                e.k7_per_kg_m <= relative_standard_error_ * k.k7_per_kg_m &&
+                                e.k8_per_kg_m2 <= relative_standard_error_ * k.k8_per_kg_m2 &&
+                                k5_error_m() <= coupling_standard_error_m_ &&
+                                k6_error_m() <= coupling_standard_error_m_;
     }
 
     void publish_effects() {
@@ -501,7 +503,7 @@ class DynamicsEstimator {
     }
 
     Real error(const Equation& equation, int parameter, Real variance) const {
-        if (equation.rls.variance(parameter) > kNotExcited * options_.prior_variance)
+        if (equation.rls.variance(parameter) > kNotExcited * prior_variance_)
             return static_cast<Real>(kUnknownError);
         return std::sqrt(std::max(variance, Real(0)));
     }
@@ -513,7 +515,9 @@ class DynamicsEstimator {
                               equation.rls.variance(parameter) * equation.errors.residual_density()));
     }
 
-    DynamicsEstimatorOptions<Real> options_{};
+    Real relative_standard_error_{}, coupling_standard_error_m_{}, dry_share_{}, prior_variance_{},
+        track_m_{};
+    double sample_time_s_{}, delay_s_{};
     RegressionFilter<Real, kTaps> filter_;
     std::array<Equation, 2> equation_{};
     std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};

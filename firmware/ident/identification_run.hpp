@@ -14,7 +14,10 @@
 // the mode's business.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <variant>
 
 #include "firmware/ident/delay_estimator.hpp"
 #include "firmware/ident/dynamics_estimator.hpp"
@@ -65,9 +68,10 @@ class IdentificationRun {
         const double dt = options.excitation.sample_time_s;
         last_cycle_ = static_cast<std::uint32_t>(options.duration_s / dt);
         excitation_.start(options_.excitation, pose, seed);
-        estimator_.configure(options.estimator);
+        found_ = {};
+        nothing_known_ = nothing_known<Real>(options.estimator.filter.effects.active);
         if (options.probe) {
-            probe_.start(options.probing);
+            stage_.template emplace<Probe>().start(options.probing);
             state_ = IdentState::probing;
         } else {
             excite();
@@ -85,16 +89,17 @@ class IdentificationRun {
         watch_reports(sample.last_torque_Nm, senses);
         if (finished()) return {};
         if (state_ == IdentState::measuring_delay) {
-            delay_estimator_.push(sample);
+            auto& delay_estimator = *std::get_if<DelayEstimator<Real>>(&stage_);
+            delay_estimator.push(sample);
             ++delay_cycles_;
-            if (delay_cycles_ % kLookAgainCycles == 0 && delay_estimator_.rows() >= kRowsForSigns)
-                look_at_signs(delay_estimator_.coupling_terms());
-            if (!finished() && delay_cycles_ >= next_look_) look_at_delay();
-        } else if (estimator_.push(sample)) {
-            if (errors_known()) look_at_signs(estimator_.coupling_terms());
-            if (!finished()) look_at_wheels();
+            if (delay_cycles_ % kLookAgainCycles == 0 && delay_estimator.rows() >= kRowsForSigns)
+                look_at_signs(delay_estimator.coupling_terms());
+            if (!finished() && delay_cycles_ >= next_look_) look_at_delay(delay_estimator);
+        } else if (auto& estimator = *std::get_if<DynamicsEstimator<Real>>(&stage_); estimator.push(sample)) {
+            if (errors_known()) look_at_signs(estimator.coupling_terms());
+            if (!finished()) look_at_wheels(estimator);
             if (!finished() && look_at_gains()) return {};
-            if (!finished() && estimator_.estimate().good_enough && !options_.run_full_time)
+            if (!finished() && estimate().good_enough && !options_.run_full_time)
                 succeed(IdentCause::good_enough);
         }
         if (!finished()) check_limits(pose, velocity);
@@ -107,21 +112,42 @@ class IdentificationRun {
     bool finished() const { return state_ == IdentState::done || state_ == IdentState::stopped_by_limit; }
     // K5 and K6 as well, not only K7 and K8.
     bool coupling_known() const { return cause_ == IdentCause::good_enough; }
+    // Of a run that is done.
     Asymmetry asymmetry() const {
-        const model::Dynamics<Real>& k = estimator_.estimate().dynamics;
-        return ident::asymmetry({static_cast<double>(k.k5_m), static_cast<double>(k.k6_per_m),
-                                 static_cast<double>(k.k7_per_kg_m), static_cast<double>(k.k8_per_kg_m2)},
-                                estimator_.cross_gains(), options_.estimator.filter.geometry.track_m);
+        const model::Dynamics<Real>& k = estimate().dynamics;
+        const model::Dynamics<double> seen{static_cast<double>(k.k5_m), static_cast<double>(k.k6_per_m),
+                                           static_cast<double>(k.k7_per_kg_m),
+                                           static_cast<double>(k.k8_per_kg_m2)};
+        if (estimator() == nullptr) return {0, 0, seen};
+        return ident::asymmetry(seen, estimator()->cross_gains(), options_.estimator.filter.geometry.track_m);
     }
-    const DynamicsEstimate<Real>& estimate() const { return estimator_.estimate(); }
+    // Nothing is known before `estimating`.
+    const DynamicsEstimate<Real>& estimate() const {
+        return estimator() != nullptr ? estimator()->estimate() : nothing_known_;
+    }
     const DelayEstimate<Real>& delay() const { return delay_; }
     const Excitation<Real>& excitation() const { return excitation_; }
-    const DynamicsEstimator<Real>& estimator() const { return estimator_; }
-    const Probe& probe() const { return probe_; }
+    // nullptr before `estimating`.
+    const DynamicsEstimator<Real>* estimator() const { return std::get_if<DynamicsEstimator<Real>>(&stage_); }
+    // Of K5, and of K6 as a length.
+    Real coupling_error_m() const {
+        return estimator() != nullptr ? std::max(estimator()->k5_error_m(), estimator()->k6_error_m())
+                                      : static_cast<Real>(kUnknownError);
+    }
+    const ProbeFindings& findings() const {
+        const Probe* probe = std::get_if<Probe>(&stage_);
+        return probe != nullptr ? probe->findings() : found_;
+    }
     const Sizing& sizing() const { return sizing_; }
     const IdentificationOptions<Real>& options() const { return options_; }
     double elapsed_s() const { return cycles_ * options_.excitation.sample_time_s; }
 
+    // Share of the slow acceleration, RMS, that the model does not explain.
+    Real unexplained() const {
+        if (estimator() == nullptr) return 0;
+        const WheelPair<Real> share = estimator()->unexplained();
+        return std::max(share.left, share.right);
+    }
     // The model leaves more of the slow acceleration unexplained than an encoder's noise would.
     bool model_incomplete() const { return unexplained() > kUnexplained; }
 
@@ -173,21 +199,20 @@ class IdentificationRun {
         cause_ = cause;
         state_ = IdentState::done;
     }
-    Real unexplained() const {
-        return std::max(estimator_.unexplained().left, estimator_.unexplained().right);
-    }
 
     WheelPair<Real> step_probe(const Pose<Real>& pose, const Twist<Real>& velocity,
                                const ProbeSample& senses) {
-        const WheelPair<double> torque = probe_.step(senses);
-        if (probe_.findings().pose_seen) know_signs();
+        Probe& probe = *std::get_if<Probe>(&stage_);
+        const WheelPair<double> torque = probe.step(senses);
+        if (findings().pose_seen) know_signs();
         check_limits(pose, velocity);
         if (finished()) return {};
-        if (probe_.finished()) {
-            if (probe_.findings().fault != IdentCause::none) {
-                stop(probe_.findings().fault);
+        if (probe.finished()) {
+            if (findings().fault != IdentCause::none) {
+                stop(findings().fault);
                 return {};
             }
+            found_ = probe.findings();
             apply_sizing();
             return {};
         }
@@ -195,7 +220,7 @@ class IdentificationRun {
     }
 
     void apply_sizing() {
-        sizing_ = size_identification(options_.sizing, probe_.findings());
+        sizing_ = size_identification(options_.sizing, found_);
         if (sizing_.obstacle != IdentCause::none) {
             stop(sizing_.obstacle);
             return;
@@ -216,7 +241,7 @@ class IdentificationRun {
         options_.estimator.filter.speed_span = sizing_.speed_span;
         options_.estimator.dry_share = static_cast<Real>(sizing_.dry_share);
         options_.estimator.coupling_standard_error_m = static_cast<Real>(sizing_.coupling_standard_error_m);
-        estimator_.configure(options_.estimator);
+        nothing_known_.effects.active = options_.estimator.filter.effects.active;
         excitation_.start(excitation, start_, seed_);
         excite();
     }
@@ -228,24 +253,29 @@ class IdentificationRun {
             next_look_ = static_cast<std::uint32_t>(options_.delay_phase_s / dt);
             last_delay_cycle_ = static_cast<std::uint32_t>((options_.probe ? kLongestDelayPhase : 1.0) *
                                                            options_.delay_phase_s / dt);
-            delay_estimator_.configure(options_.estimator.filter);
+            stage_.template emplace<DelayEstimator<Real>>().configure(options_.estimator.filter);
             state_ = IdentState::measuring_delay;
         } else {
             delay_.delay_s = static_cast<Real>(options_.estimator.filter.delay_s);
-            state_ = IdentState::estimating;
+            estimate_from_here();
         }
+    }
+    void estimate_from_here() {
+        options_.estimator.filter.delay_s = static_cast<double>(delay_.delay_s);
+        stage_.template emplace<DynamicsEstimator<Real>>().configure(options_.estimator);
+        state_ = IdentState::estimating;
     }
 
     // Errors from the first rows are no errors.
     bool errors_known() const {
-        return estimator_.estimate().standard_error.k7_per_kg_m < static_cast<Real>(kUnknownError);
+        return estimate().standard_error.k7_per_kg_m < static_cast<Real>(kUnknownError);
     }
 
     // Without a look from outside one wrong sign shows in how forward and turning are coupled.
     void look_at_signs(const CouplingTerms<Real>& terms) {
         const Mirror seen = judge_mirror(terms, half_track_m());
         signs_agree_ = seen == Mirror::as_filed;
-        if (seen == Mirror::mirrored && !probe_.findings().pose_seen) return stop(IdentCause::one_sign_wrong);
+        if (seen == Mirror::mirrored && !found_.pose_seen) return stop(IdentCause::one_sign_wrong);
         if (signs_agree_) know_signs();
     }
     void know_signs() {
@@ -274,15 +304,15 @@ class IdentificationRun {
     }
 
     // A lifted wheel that the probe's pushes did not show.
-    void look_at_wheels() {
-        const DynamicsEstimate<Real>& now = estimator_.estimate();
+    void look_at_wheels(const DynamicsEstimator<Real>& estimator) {
+        const DynamicsEstimate<Real>& now = estimator.estimate();
         const double h = options_.estimator.filter.geometry.track_m / 2;
         const double k7 = now.dynamics.k7_per_kg_m;
         const double k8 = h * now.dynamics.k8_per_kg_m2;
         const auto error = static_cast<double>(now.standard_error.k7_per_kg_m) +
                            h * static_cast<double>(now.standard_error.k8_per_kg_m2);
-        const double x7 = estimator_.cross_gains()[0].value;
-        const double x8 = h * estimator_.cross_gains()[1].value;
+        const double x7 = estimator.cross_gains()[0].value;
+        const double x8 = h * estimator.cross_gains()[1].value;
         const WheelAnswers answers{{k7 + k8 - x7 - x8, k7 + k8 + x7 + x8},
                                    {k7 - k8 + x7 - x8, k7 - k8 - x7 + x8}};
         const IdentCause lifted = wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error);
@@ -293,11 +323,11 @@ class IdentificationRun {
     // the run finds less of both, less torque arrives than was told. True: it begins anew with less.
     bool look_at_gains() {
         if (!options_.probe) return false;
-        const DynamicsEstimate<Real>& now = estimator_.estimate();
+        const DynamicsEstimate<Real>& now = estimate();
         const auto share = [](Real k, Real error, double probed) {
             return static_cast<double>(k + kSureOfLess * error) / probed;
         };
-        const ProbeFindings& found = probe_.findings();
+        const ProbeFindings& found = found_;
         const double delivered =
             std::max(share(now.dynamics.k7_per_kg_m, now.standard_error.k7_per_kg_m, found.k7_per_kg_m),
                      share(now.dynamics.k8_per_kg_m2, now.standard_error.k8_per_kg_m2, found.k8_per_kg_m2));
@@ -308,25 +338,25 @@ class IdentificationRun {
 
     // Of the amplitude only this share arrives: once more, with less than that.
     void excite_with(double delivered_share) {
-        const ProbeFindings& found = probe_.findings();
+        const ProbeFindings& found = found_;
         Real& amplitude_Nm = options_.excitation.amplitude_Nm;
         const double delivered_Nm = delivered_share * static_cast<double>(amplitude_Nm);
         if (++lowered_ > kMostLowered || !(kBelowSeen * delivered_Nm > kMovesEnough * found.friction_Nm))
             return stop(IdentCause::torque_not_followed);
-        probe_.lower_torque_limit(delivered_Nm);
+        found_.clipped = true;
+        found_.torque_limit_Nm = std::min(found_.torque_limit_Nm, delivered_Nm);
         amplitude_Nm = static_cast<Real>(kBelowSeen * delivered_Nm);
         options_.estimator.dry_share = static_cast<Real>(found.friction_Nm) / amplitude_Nm;
         watch_ = {};
-        estimator_.configure(options_.estimator);
         excitation_.start(options_.excitation, start_, seed_);
         if (delay_.valid && state_ == IdentState::estimating)
-            estimator_.set_delay(static_cast<double>(delay_.delay_s));
+            estimate_from_here();
         else
             excite();
     }
 
-    void look_at_delay() {
-        delay_ = delay_estimator_.estimate();
+    void look_at_delay(const DelayEstimator<Real>& estimator) {
+        delay_ = estimator.estimate();
         const bool sure = delay_.valid && delay_.standard_error_s <= kSureDelay_s;
         if (!sure && delay_cycles_ < last_delay_cycle_) {
             next_look_ = delay_cycles_ + kLookAgainCycles;
@@ -336,14 +366,13 @@ class IdentificationRun {
             stop(IdentCause::delay_not_found);
             return;
         }
-        estimator_.set_delay(static_cast<double>(delay_.delay_s));
-        state_ = IdentState::estimating;
+        estimate_from_here();
     }
     static constexpr std::uint32_t kLookAgainCycles = 250;
     static constexpr std::uint32_t kRowsForSigns = 60;  // errors from fewer are none
 
     void watch_reports(const WheelPair<Real>& told, const ProbeSample& senses) {
-        if (!options_.probe || !probe_.findings().reports) return;
+        if (!options_.probe || !found_.reports) return;
         const std::array<double, 2> now{static_cast<double>(told.left), static_cast<double>(told.right)};
         const std::array<double, 2> before{watch_.told.left, watch_.told.right};
         const std::array<double, 2> got{senses.reported_Nm.left, senses.reported_Nm.right};
@@ -351,7 +380,7 @@ class IdentificationRun {
         for (std::size_t i = 0; i < 2; ++i) {
             watch_.steady_cycles[i] = now[i] == before[i] ? watch_.steady_cycles[i] + 1 : 0;
             if (!senses.report_is_new[i] || now[i] == 0 || watch_.steady_cycles[i] < settled) continue;
-            const double ratio = got[i] / (now[i] * probe_.findings().report_ratio);
+            const double ratio = got[i] / (now[i] * found_.report_ratio);
             watch_.ratio[i] += (ratio - watch_.ratio[i]) / kReportsToJudge;
             if (++watch_.reports[i] > kReportsToJudge && watch_.ratio[i] < kFollowed)
                 return excite_with(watch_.ratio[i]);
@@ -360,8 +389,8 @@ class IdentificationRun {
     }
 
     bool still_good() const {
-        const auto& k = estimator_.estimate().dynamics;
-        const auto& e = estimator_.estimate().standard_error;
+        const auto& k = estimate().dynamics;
+        const auto& e = estimate().standard_error;
         const Real share = kStillGood * options_.estimator.relative_standard_error;
         return k.k7_per_kg_m > 0 && k.k8_per_kg_m2 > 0 && e.k7_per_kg_m <= share * k.k7_per_kg_m &&
                e.k8_per_kg_m2 <= share * k.k8_per_kg_m2;
@@ -369,19 +398,20 @@ class IdentificationRun {
 
     bool coupling_still_good() const {
         const Real most = kStillGoodCoupling * options_.estimator.coupling_standard_error_m;
-        return estimator_.k5_error_m() <= most && estimator_.k6_error_m() <= most;
+        return coupling_error_m() <= most;
     }
 
     void check_limits(const Pose<Real>& pose, const Twist<Real>& velocity) {
         const ExcitationOptions<Real>& limits = options_.excitation;
         const bool probing = state_ == IdentState::probing;
         const auto lifted_or = [&](IdentCause otherwise) {
-            const IdentCause lifted = probe_.wheel_running_free();
-            return probing && lifted != IdentCause::none ? lifted : otherwise;
+            const Probe* probe = std::get_if<Probe>(&stage_);
+            const IdentCause lifted = probe != nullptr ? probe->wheel_running_free() : IdentCause::none;
+            return lifted != IdentCause::none ? lifted : otherwise;
         };
         if (cycles_ >= last_cycle_) {
             // run to the end on purpose, with errors small enough: that is done, not a limit
-            if (estimator_.estimate().good_enough) {
+            if (estimate().good_enough) {
                 succeed(IdentCause::good_enough);
             } else if (state_ == IdentState::estimating && still_good() && coupling_still_good()) {
                 succeed(IdentCause::good_enough);
@@ -406,11 +436,12 @@ class IdentificationRun {
     }
 
     IdentificationOptions<Real> options_{};
-    Probe probe_;
+    // One after another, in the same memory.
+    std::variant<Probe, DelayEstimator<Real>, DynamicsEstimator<Real>> stage_;
+    ProbeFindings found_;
+    DynamicsEstimate<Real> nothing_known_{};
     Sizing sizing_{};
     Excitation<Real> excitation_;
-    DelayEstimator<Real> delay_estimator_;
-    DynamicsEstimator<Real> estimator_;
     DelayEstimate<Real> delay_{};
     Watch watch_{};
     Pose<Real> start_{}, mirrored_{};

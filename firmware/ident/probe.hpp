@@ -121,11 +121,6 @@ class Probe {
 
     bool finished() const { return stage_ == Stage::done; }
     const ProbeFindings& findings() const { return found_; }
-    // What the run found later: the drives deliver less.
-    void lower_torque_limit(double delivered_Nm) {
-        found_.clipped = true;
-        found_.torque_limit_Nm = std::min(found_.torque_limit_Nm, delivered_Nm);
-    }
 
     // A wheel that runs away from a push that hardly moves the other one has no floor below it. none: the
     // robot is pushed as a whole, or not at all.

@@ -82,7 +82,10 @@ class RegressionFilter {
     static constexpr int kMinimumBlock = 6;  // samples: the estimators spread a row over five cycles
 
     void configure(const RegressionFilterOptions<Real>& options) {
-        options_ = options;
+        sample_time_s_ = options.sample_time_s;
+        dynamics_ = options.dynamics;
+        standing_speed_rad_per_s_ = options.standing_speed_rad_per_s;
+        standing_samples_ = options.standing_samples;
         const double dt = options.sample_time_s;
         block_ = std::max(kMinimumBlock, static_cast<int>(std::lround(2 * options.kernel_s / (3 * dt))));
         inverse_block_ = Real(1) / static_cast<Real>(block_);
@@ -97,13 +100,13 @@ class RegressionFilter {
                       static_cast<Real>(options.geometry.wheel_radius_m.right)},
                      static_cast<Real>(options.geometry.track_m)};
         inverse_track_ = static_cast<Real>(1 / options.geometry.track_m);
-        estimated_.active = model::estimated_effects(options.effects.active);
+        estimated_ = model::estimated_effects(options.effects.active);
         known_ = options.effects;
         columns_ = 0;
         have_known_ = false;
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-            if (estimated_.active[i]) columns_ += static_cast<int>(model::kEffects[i].parameters.size());
-            known_.active[i] = options.effects.active[i] && !estimated_.active[i];
+            if (estimated_[i]) columns_ += static_cast<int>(model::kEffects[i].parameters.size());
+            known_.active[i] = options.effects.active[i] && !estimated_[i];
             have_known_ = have_known_ || known_.active[i];
         }
         set_delay(options.delay_s, options.tap_spacing_s);
@@ -114,7 +117,7 @@ class RegressionFilter {
     void set_delay(double delay_s, double tap_spacing_s = 0) {
         for (int k = 0; k < kTaps; ++k) {
             const double at_s = delay_s + (k - (kTaps - 1) / 2.0) * tap_spacing_s;
-            const double samples = std::clamp(at_s / options_.sample_time_s, kMinimumDelay, kMaximumDelay);
+            const double samples = std::clamp(at_s / sample_time_s_, kMinimumDelay, kMaximumDelay);
             Tap& tap = tap_[static_cast<std::size_t>(k)];
             const double whole = std::floor(samples);
             tap.back = static_cast<unsigned>(latency_ - 1 + static_cast<int>(whole));
@@ -165,8 +168,7 @@ class RegressionFilter {
     const RegressionRow<Real, kTaps>& row() const { return row_; }
     int block_samples() const { return block_; }
     int columns() const { return columns_; }  // those of the estimated effects, in catalogue order
-    const std::array<bool, model::kEffectCount>& estimated() const { return estimated_.active; }
-    const RegressionFilterOptions<Real>& options() const { return options_; }
+    const std::array<bool, model::kEffectCount>& estimated() const { return estimated_; }
 
   private:
     static constexpr unsigned kAngles = 32;
@@ -242,7 +244,7 @@ class RegressionFilter {
             g[kFirstTap + 2 * k] = tap.newest * a.left + tap.middle * b.left + tap.oldest * c.left;
             g[kFirstTap + 1 + 2 * k] = tap.newest * a.right + tap.middle * b.right + tap.oldest * c.right;
         }
-        const model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
+        const model::EffectContext<Real> context{motion, {}, geometry_, dynamics_};
         std::size_t at = kFirstColumn;
         model::for_each_column(estimated_, context,
                                [&](std::size_t, unsigned, const WheelPair<Real>& column, bool dry) {
@@ -258,7 +260,7 @@ class RegressionFilter {
     // Whether the sign of sliding changes about now, or is lost in the noise.
     bool unsure(const WheelPair<Real>& direction, const WheelPair<Real>& speed, Real sign) const {
         return std::abs(sign) < 1 ||
-               std::abs(model::sliding_speed(direction, speed)) < options_.standing_speed_rad_per_s;
+               std::abs(model::sliding_speed(direction, speed)) < standing_speed_rad_per_s_;
     }
     static void add_slow_torque(const WheelPair<Real>& direction, Signals& g) {
         constexpr std::size_t kMiddle = kFirstTap + 2 * (static_cast<std::size_t>(kTaps) / 2);
@@ -281,7 +283,7 @@ class RegressionFilter {
     [[gnu::noinline]] void add_known_torque(unsigned now, Real heading_rad, const WheelPair<Real>& speed,
                                             Signals& g) const {
         const model::Motion<Real> motion = motion_at(now, heading_rad, speed);
-        model::EffectContext<Real> context{motion, {}, geometry_, options_.dynamics};
+        model::EffectContext<Real> context{motion, {}, geometry_, dynamics_};
         WheelPair<Real> known = model::smooth_effect_torque_Nm(known_, context);
         model::for_each_dry(known_, geometry_, speed,
                             [&](std::size_t, unsigned, const WheelPair<Real>& d, Real limit_Nm) {
@@ -305,9 +307,9 @@ class RegressionFilter {
     }
 
     void count_standing(int& run, Real speed) {
-        if (std::abs(speed) >= options_.standing_speed_rad_per_s) {
+        if (std::abs(speed) >= standing_speed_rad_per_s_) {
             run = 0;
-        } else if (++run > options_.standing_samples) {
+        } else if (++run > standing_samples_) {
             masked_in_block_ = true;
         }
     }
@@ -366,7 +368,10 @@ class RegressionFilter {
         masked_in_block_ = false;
     }
 
-    RegressionFilterOptions<Real> options_{};
+    double sample_time_s_{};
+    model::Dynamics<Real> dynamics_;
+    Real standing_speed_rad_per_s_{};
+    int standing_samples_ = 0;
     int block_ = kMinimumBlock;
     int columns_ = 0;
     unsigned span_ = 2;      // samples
@@ -374,7 +379,8 @@ class RegressionFilter {
     unsigned history_ = 32;  // samples before the first row
     Real inverse_block_{}, row_scale_{}, speed_scale_{}, weight_scale_{}, inverse_track_{};
     model::Geometry<Real> geometry_{};
-    model::EffectSet<Real> estimated_, known_;
+    std::array<bool, model::kEffectCount> estimated_{};
+    model::EffectSet<Real> known_;
     bool have_known_ = false;
     std::array<Tap, kTaps> tap_{};
 

@@ -523,8 +523,7 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             r.ident = learning_.status();
             break;
         case ReportPart::ident_sizing:
-            r.ident_quantities =
-                ident_quantities(learning_.run().sizing(), learning_.run().probe().findings());
+            r.ident_quantities = ident_quantities(learning_.run().sizing(), learning_.run().findings());
             break;
         case ReportPart::drives:
             r.drive_generation = static_cast<std::uint8_t>(parameters_.drive.generation);

@@ -115,7 +115,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
 }
 
 model::Dynamics<double> Learning::probed_dynamics() const {
-    const ident::ProbeFindings& found = run_.probe().findings();
+    const ident::ProbeFindings& found = run_.findings();
     constexpr double kPredictsNothing = 1e-5;
     if (!probed()) return {0, 0, kPredictsNothing, kPredictsNothing};
     return {0, 0, found.k7_per_kg_m, found.k8_per_kg_m2};
@@ -163,7 +163,7 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
         put("dynamics_standard_error.k5_m", e.standard_error.k5_m);
         put("dynamics_standard_error.k6_per_m", e.standard_error.k6_per_m);
     }
-    if (run_.probe().findings().clipped) put("limits.torque_Nm", run_.probe().findings().torque_limit_Nm);
+    if (run_.findings().clipped) put("limits.torque_Nm", run_.findings().torque_limit_Nm);
     put("dynamics.k7_per_kg_m", k.k7_per_kg_m);
     put("dynamics.k8_per_kg_m2", k.k8_per_kg_m2);
     put("dynamics_standard_error.k7_per_kg_m", e.standard_error.k7_per_kg_m);
@@ -171,7 +171,7 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     if (run_.delay().valid)
         put("velocity_loop.actuation_delay_s",
             run_.delay().delay_s - sample_age_s_ - model::effects_delay_s(live.effects));
-    put("velocity_loop.angle_noise_rad", run_.probe().findings().angle_noise_rad);
+    put("velocity_loop.angle_noise_rad", run_.findings().angle_noise_rad);
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!e.effects.active[i]) continue;
         if (!live.effects.active[i]) service.record(model::effect_index(i, model::kEffectActiveSlot), 1);
@@ -254,8 +254,8 @@ protocol::IdentStatus Learning::status() const {
     status.phase = static_cast<protocol::IdentPhase>(static_cast<unsigned>(run_.state()) + 1);
     status.cause = run_.cause();
     status.model_incomplete = run_.model_incomplete();
-    status.torque_clipped = run_.probe().findings().clipped;
-    status.sides_confirmed = run_.probe().findings().pose_seen;
+    status.torque_clipped = run_.findings().clipped;
+    status.sides_confirmed = run_.findings().pose_seen;
     status.signs_agree = run_.signs_agree();
     status.delay_s = std::max(run_.delay().delay_s - sample_age_s_, 0.0);
     status.samples = estimate().rows;
@@ -270,11 +270,10 @@ double Learning::progress() const {
     if (!started_) return 0;
     if (identification_succeeded()) return 1;
     const auto& e = run_.estimate();
-    const double coupling = std::max(run_.estimator().k5_error_m(), run_.estimator().k6_error_m());
     const double worst = std::max(
         {e.standard_error.k7_per_kg_m / std::abs(e.dynamics.k7_per_kg_m) / relative_standard_error_,
          e.standard_error.k8_per_kg_m2 / std::abs(e.dynamics.k8_per_kg_m2) / relative_standard_error_,
-         coupling / run_.sizing().coupling_standard_error_m});
+         run_.coupling_error_m() / run_.sizing().coupling_standard_error_m});
     const double by_error = worst > 0 ? 1 / (worst * worst) : 0;
     const double by_time = run_.elapsed_s() / duration_s_;
     const double share = std::max(std::isfinite(by_error) ? by_error : 0.0, by_time);

@@ -40,7 +40,7 @@ class Learning {
     void interrupt_identification() { run_.interrupt(); }
     // K7 and K8 as the probe has found them, K5 and K6 zero; before, a model that predicts nothing.
     model::Dynamics<double> probed_dynamics() const;
-    bool probed() const { return run_.probe().findings().k8_per_kg_m2 > 0; }
+    bool probed() const { return run_.findings().k8_per_kg_m2 > 0; }
 
     // Writes what the run found to the live parameters; they are then the controllers' model.
     void record(ParameterService& service, model::RobotParameters& live) const;

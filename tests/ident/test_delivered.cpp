@@ -58,13 +58,13 @@ TEST(DeliveredTorque, less_of_it_is_seen_without_reports_and_the_run_goes_on_wit
     ident::IdentificationRun<double> run;
     identify(run, truth, kLimit_Nm);
     CHECK(run.cause() == ident::IdentCause::good_enough);
-    CHECK_FALSE(run.probe().findings().clipped);
+    CHECK_FALSE(run.findings().clipped);
     const double amplitude_Nm = run.options().excitation.amplitude_Nm;
 
     identify(run, truth, 0.7 * amplitude_Nm);
     CHECK(run.cause() == ident::IdentCause::good_enough);
-    CHECK(run.probe().findings().clipped);
-    CHECK(run.probe().findings().torque_limit_Nm < 0.8 * amplitude_Nm);
+    CHECK(run.findings().clipped);
+    CHECK(run.findings().torque_limit_Nm < 0.8 * amplitude_Nm);
     CHECK(run.options().excitation.amplitude_Nm < 0.7 * amplitude_Nm);
     DOUBLES_EQUAL(truth.k7, run.estimate().dynamics.k7_per_kg_m, 0.02 * truth.k7);
     DOUBLES_EQUAL(truth.k8, run.estimate().dynamics.k8_per_kg_m2, 0.02 * truth.k8);

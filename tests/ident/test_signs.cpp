@@ -116,7 +116,7 @@ TEST(UnknownSigns, the_limits_of_the_file_hold_once_the_signs_are_known) {
         const Drive d = drive(RobotTruth{}, 1, 1, 1.0, pose);
         CHECK(d.run.cause() == IdentCause::good_enough);
         CHECK(d.run.signs_known());
-        CHECK_EQUAL(!pose, d.run.signs_agree() && !d.run.probe().findings().pose_seen);
+        CHECK_EQUAL(!pose, d.run.signs_agree() && !d.run.findings().pose_seen);
         const double either_m_per_s = 1.0 * RobotTruth{}.track_m / 2;
         CHECK(d.before_m_per_s <= either_m_per_s);
         CHECK(d.fastest_m_per_s > 1.5 * either_m_per_s);

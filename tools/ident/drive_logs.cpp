@@ -206,7 +206,7 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     findings.averaged_over_s = 3 * block * options.filter.sample_time_s;
     const TwistRate<double> residual = estimator.residual_variance();
     findings.residual_rms = {std::sqrt(residual.v_m_per_s2), std::sqrt(residual.omega_rad_per_s2)};
-    const AllRows rows = all_rows(logs, options.filter, estimator.filter().options().tap_spacing_s);
+    const AllRows rows = all_rows(logs, options.filter, estimator.tap_spacing_s());
     const Fit linear = least_squares(rows.linear);
     const Fit turning = least_squares(rows.turning);
     findings.explained_share = {linear.explained_share, turning.explained_share};

@@ -126,16 +126,16 @@ class RunReader {
         const auto add = [&](const model::Motion<double>& motion, double weight) {
             std::size_t at = first;
             const model::Dynamics<double> unknown;  // no linear effect asks for it
-            model::for_each_column(options_.effects, {motion, {}, options_.geometry, unknown},
-                                   [&](std::size_t, unsigned, const WheelPair<double>& column, bool dry) {
-                                       const double amount =
-                                           dry ? -weight * mean_sign(model::sliding_speed(column, before),
-                                                                     model::sliding_speed(column, after))
-                                               : weight;
-                                       if (at == out.size()) out.insert(out.end(), 2, 0.0);
-                                       out[at++] += amount * column.sum();
-                                       out[at++] += amount * column.difference();
-                                   });
+            model::for_each_column<double>(
+                options_.effects.active, {motion, {}, options_.geometry, unknown},
+                [&](std::size_t, unsigned, const WheelPair<double>& column, bool dry) {
+                    const double amount = dry ? -weight * mean_sign(model::sliding_speed(column, before),
+                                                                    model::sliding_speed(column, after))
+                                              : weight;
+                    if (at == out.size()) out.insert(out.end(), 2, 0.0);
+                    out[at++] += amount * column.sum();
+                    out[at++] += amount * column.difference();
+                });
         };
         add(motion_at(0), 1.0 / 6);
         model::Motion<double> middle = motion_at(0.5);

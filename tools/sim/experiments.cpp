@@ -84,7 +84,7 @@ IdentificationResult identify(Simulation& sim, const Progress& progress) {
                           std::max(result.fastest.omega_rad_per_s, std::abs(truly.omega_rad_per_s));
                       const auto& run = sim.cycle().learning().run();
                       if (run.state() == ident::IdentState::probing) result.probe_s = sim.time_s() - begin_s;
-                      if (result.clipped_s == 0 && run.probe().findings().clipped)
+                      if (result.clipped_s == 0 && run.findings().clipped)
                           result.clipped_s = sim.time_s() - begin_s;
                       if (cycle++ % 100 != 0) return;
                       const auto& estimate = sim.cycle().learning().estimate();

@@ -135,7 +135,7 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         const IdentificationResult result = identify(sim);
         const auto truth = as_seen_with(sim::plant_dynamics(sim.world().plant().parameters()), plant.geometry,
                                         sim.parameters().geometry);
-        const ident::ProbeFindings& found = sim.cycle().learning().run().probe().findings();
+        const ident::ProbeFindings& found = sim.cycle().learning().run().findings();
         const ident::Sizing& sizing = sim.cycle().learning().run().sizing();
         report.add("succeeded", "K7 and K8 known", result.succeeded);
         const protocol::IdentStatus status = sim.cycle().learning().status();
@@ -149,9 +149,8 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
                    clipping_sentence(status, {found.torque_limit_Nm, asked_Nm}));
         report.add("sides_confirmed", "probe: left and right confirmed", found.pose_seen, "",
                    sides_sentence(status));
-        const WheelPair<double> unexplained = sim.cycle().learning().run().estimator().unexplained();
         report.add("unexplained_percent", "slow acceleration left unexplained",
-                   100 * std::max(unexplained.left, unexplained.right), "%",
+                   100 * sim.cycle().learning().run().unexplained(), "%",
                    sim.cycle().learning().run().model_incomplete()
                        ? "something is missing: run `wheelwright gap` on this log"
                        : "");
