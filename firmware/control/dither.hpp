@@ -43,7 +43,8 @@ class Dither {
 
     // Speed at a rim that both together do not go beyond.
     Real rim_speed_m_per_s() const {
-        return amplitude_m_per_s2_[0] / wave_[0].rate_rad_per_s + amplitude_m_per_s2_[1] / wave_[1].rate_rad_per_s;
+        return amplitude_m_per_s2_[0] / wave_[0].rate_rad_per_s +
+               amplitude_m_per_s2_[1] / wave_[1].rate_rad_per_s;
     }
 
     // Adds to the reference.

@@ -122,10 +122,9 @@ constexpr TwistRate<Real> linearised_acceleration(const PlantModel<Real>& plant,
     const WheelPair<Real> effects = expected_effect_torque_Nm<kUpTo>(plant, measured, reference);
     const WheelPair<Real> delivered = model::delivered_torque_Nm<kUpTo>(
         plant.effects, {measured, torque_Nm, plant.geometry, plant.dynamics});
-    return coupled_acceleration(
-        plant,
-        model::acceleration(plant.dynamics, measured.twist,
-                            WheelPair<Real>{delivered.left + effects.left, delivered.right + effects.right}));
+    return coupled_acceleration(plant, model::acceleration(plant.dynamics, measured.twist,
+                                                           WheelPair<Real>{delivered.left + effects.left,
+                                                                           delivered.right + effects.right}));
 }
 
 // Out of the way of the usual case.

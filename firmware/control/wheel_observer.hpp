@@ -234,8 +234,7 @@ class WheelObserver {
         const WheelPair<Real> smooth = model::smooth_effect_torque_Nm<false, kUpTo>(plant.effects, context);
         net.left += smooth.left;
         net.right += smooth.right;
-        const TwistRate<Real> body =
-            coupled_acceleration(plant, model::acceleration(k, motion_.twist, net));
+        const TwistRate<Real> body = coupled_acceleration(plant, model::acceleration(k, motion_.twist, net));
         WheelPair<Real> a =
             model::wheel_speeds_from_twist(g, Twist<Real>{body.v_m_per_s2, body.omega_rad_per_s2});
         for (Wheel& wheel : wheels_) wheel.stuck = false;

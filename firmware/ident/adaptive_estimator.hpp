@@ -40,13 +40,14 @@
 //
 // Change detection: an innovation beyond `gate_sigma` of its own deviation stops the use of rows until the
 // averaging window has passed the event. So do sums of innovations that go with the load's regressors, all
-// four together, over about the last memory, beyond kSumGate: a smaller change, seen later. What a load can change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of
-// that share shifts at the track's edge; the rows that follow settle them. A jolt thus costs a fresh look,
-// never a wrong row. A change smaller than the memory's rows can show is not seen: see docs/driving.md.
+// four together, over about the last memory, beyond kSumGate: a smaller change, seen later. What a load can
+// change is then doubted: A and B by `doubt` (relative), sx and sy by what a load of that share shifts at the
+// track's edge; the rows that follow settle them. A jolt thus costs a fresh look, never a wrong row. A change
+// smaller than the memory's rows can show is not seen: see docs/driving.md.
 //
 // Standard errors: of K7 and K8, what the regression says and what a load that nobody noticed may have left:
-// evenly anything up to what the sums of innovations would have shown by now, whatever else it changes. They grow while a robot stands.
-// Of the others sqrt(P_ii), in units of that noise.
+// evenly anything up to what the sums of innovations would have shown by now, whatever else it changes. They
+// grow while a robot stands. Of the others sqrt(P_ii), in units of that noise.
 //
 // push() spreads a row's work over the cycles after it: at most about 1 700 instructions in one. No
 // allocation.
@@ -281,7 +282,7 @@ class AdaptiveEstimator {
     static constexpr int kWindowRows = 3;  // rows that one event can touch
     static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
     static constexpr int kRunRows = 16;
-    static constexpr int kNoiseRows = 300;     // over which the noise is averaged
+    static constexpr int kNoiseRows = 300;  // over which the noise is averaged
     // Of sums of innovations over their deviation, squared: of four, chance alone is beyond it as seldom as
     // one is beyond five deviations.
     static constexpr Real kSumGate = Real(34.5);

@@ -24,8 +24,8 @@ struct CrossGain {
 };
 
 struct Asymmetry {
-    double mismatch = 0;                // c
-    double offset_m = 0;                // p
+    double mismatch = 0;               // c
+    double offset_m = 0;               // p
     model::Dynamics<double> dynamics;  // without what both together add to K7 and K8
 };
 
@@ -37,11 +37,11 @@ inline constexpr double kWorthAnEffect = 0.01;
 // omega'. Zeros where the cross gains are not sure or too small. Some 200 operations, no allocation.
 inline Asymmetry asymmetry(const model::Dynamics<double>& seen, const std::array<CrossGain, 2>& cross,
                            double track_m) {
-    constexpr double kSure = 4;                // standard errors
-    constexpr double kLikelyMismatch = 0.1;    // motors of one kind, a weak drive
-    constexpr double kLikelyOffset = 0.05;     // of the track: batteries, a motor on one side
-    constexpr double kExplained = 0.0025;      // of K7, K8: what is left then matters to nobody
-    constexpr double kSecondCause = 4;         // of chi squared
+    constexpr double kSure = 4;              // standard errors
+    constexpr double kLikelyMismatch = 0.1;  // motors of one kind, a weak drive
+    constexpr double kLikelyOffset = 0.05;   // of the track: batteries, a motor on one side
+    constexpr double kExplained = 0.0025;    // of K7, K8: what is left then matters to nobody
+    constexpr double kSecondCause = 4;       // of chi squared
     Asymmetry none{0, 0, seen};
     const std::array<double, 2> own{seen.k7_per_kg_m, seen.k8_per_kg_m2};
     bool worth = false;

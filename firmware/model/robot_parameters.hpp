@@ -86,7 +86,7 @@ struct RobotParameters {
     } trajectory{};
     struct {
         double memory_s, dwell_s, rate_per_s, minimum_excitation, slip_yaw_rate_rad_per_s,
-            trust_relative_error, range;
+            trust_relative_error, range, dither_error;
     } adaptation{};
     struct {
         double external_pose_noise_m, external_heading_noise_rad, external_pose_delay_s, gate_sigma,

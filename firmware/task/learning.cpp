@@ -50,15 +50,23 @@ double apart(const model::EffectSet<double>& effects, double track_m, const mode
     return 1 - model::CogLateral::share(effects.parameter[model::kCogLateral][0], track_m, k);
 }
 
-// The dither's torque is at most this share of the limit, its way at a rim this share of the track. Its period
-// is the one at which it may use both: a shorter one would accelerate less on the way that it has. A row is
-// this share of a period: a longer one averages the dither away. Its amplitudes are what tells mass and inertia
-// to this error within the memory, beside the rows' noise.
+// The dither's torque is at most this share of the limit, its way at a rim this share of the track. Its
+// period is the one at which it may use both: a shorter one would accelerate less on the way that it has. A
+// row is this share of a period: a longer one averages the dither away. Its amplitudes are what tells mass
+// and inertia to adaptation.dither_error within the memory, beside the rows' noise.
 constexpr double kDitherTorqueShare = 0.05;
 constexpr double kDitherWayShare = 0.002;
 constexpr double kRowsADither = 4.618;
 constexpr double kDitherOverSettling = 3;  // the loops then follow it
-constexpr double kDitherError = 0.01;
+
+constexpr double kKernelOverRow = 1.5;  // regression_filter.hpp
+
+double planned_dither_s(const model::RobotParameters& p, const model::Dynamics<double>& k) {
+    const double rim_m_per_s2 = 2 * kDitherTorqueShare * p.limits.torque_Nm *
+                                std::min(k.k7_per_kg_m, k.k8_per_kg_m2 * p.geometry.track_m / 2);
+    return std::max(2 * std::numbers::pi * std::sqrt(kDitherWayShare * p.geometry.track_m / rim_m_per_s2),
+                    kDitherOverSettling * control::velocity_loop_speed(p, kCyclePeriod_s).settling_time_s);
+}
 
 double chosen(double asked, double standard) { return asked > 0 ? asked : standard; }
 
@@ -145,8 +153,8 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
     }
     put(gains, model::TorqueGainMismatch::from_coordinates(model::Parameters<double>{mismatch})[0]);
     put(model::kCogLateral, found.offset_m);
-    return model::CogLateral::scaled(
-        k, 1 - model::CogLateral::share(found.offset_m, live.geometry.track_m, k));
+    return model::CogLateral::scaled(k,
+                                     1 - model::CogLateral::share(found.offset_m, live.geometry.track_m, k));
 }
 
 void Learning::record(ParameterService& service, model::RobotParameters& live) const {
@@ -189,13 +197,10 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
                                 double lap_s) {
     ident::AdaptiveEstimatorOptions<double> options;
     options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
-    const double rim_m_per_s2 =
-        2 * kDitherTorqueShare * p.limits.torque_Nm *
-        std::min(plant.dynamics.k7_per_kg_m, plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / 2);
-    const double period_s =
-        std::max(2 * std::numbers::pi * std::sqrt(kDitherWayShare * plant.geometry.track_m / rim_m_per_s2),
-                 kDitherOverSettling * control::velocity_loop_speed(p, kCyclePeriod_s).settling_time_s);
-    options.filter = filter_options(p, std::min(1.5 * period_s / kRowsADither, options.memory_s / kKernelsRemembered));
+    double kernel_s = options.memory_s / kKernelsRemembered;
+    if (p.adaptation.dither_error > 0)
+        kernel_s = std::min(kernel_s, kKernelOverRow * planned_dither_s(p, plant.dynamics) / kRowsADither);
+    options.filter = filter_options(p, kernel_s);
     const double noise_rad = p.velocity_loop.angle_noise_rad;
     if (noise_rad > 0) {
         options.angle_noise_rad = noise_rad;
@@ -212,13 +217,15 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
     options.trust_relative_error = p.adaptation.trust_relative_error;
     options.range = p.adaptation.range;
     adaptive_.configure(options);
-    guard_.configure({p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error,
-                      p.adaptation.range, kCyclePeriod_s, p.geometry.track_m},
-                     model::CogLateral::scaled(plant.dynamics, 1 / apart(plant.effects, track_m_, plant.dynamics)),
-                     plant.effects);
+    guard_.configure(
+        {p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error, p.adaptation.range,
+         kCyclePeriod_s, p.geometry.track_m},
+        model::CogLateral::scaled(plant.dynamics, 1 / apart(plant.effects, track_m_, plant.dynamics)),
+        plant.effects);
     minimum_excitation_ = p.adaptation.minimum_excitation;
     dither_period_s_ = kRowsADither * adaptive_.row_interval_s();
-    dither_over_noise_ = std::sqrt(2 * adaptive_.row_interval_s() / options.memory_s) / kDitherError;
+    const double error = p.adaptation.dither_error;
+    dither_over_noise_ = error > 0 ? std::sqrt(2 * adaptive_.row_interval_s() / options.memory_s) / error : 0;
     torque_limit_Nm_ = p.limits.torque_Nm;
     adapting_ = true;
 }
@@ -229,8 +236,7 @@ bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
 }
 
 model::Dynamics<double> Learning::adapted_dynamics() const {
-    return model::CogLateral::scaled(guard_.dynamics(),
-                                     apart(guard_.effects(), track_m_, guard_.dynamics()));
+    return model::CogLateral::scaled(guard_.dynamics(), apart(guard_.effects(), track_m_, guard_.dynamics()));
 }
 
 WheelPair<double> Learning::dither_m_per_s2() const {

@@ -112,8 +112,10 @@ TEST(ChainAdaptation, parked_for_ten_minutes_nothing_drifts) {
     CHECK(std::hypot(sim.world().pose().x_m, sim.world().pose().y_m) < 0.01);
 }
 
-TEST(ChainAdaptation, a_constant_circle_freezes_what_it_does_not_excite) {
-    Simulation sim(chain::identified(), chain::real().parameters, chain::options(5));
+TEST(ChainAdaptation, a_constant_circle_freezes_what_it_does_not_excite_but_for_the_dither) {
+    model::RobotParameters calm = chain::identified();
+    calm.adaptation.dither_error = 0;
+    Simulation sim(calm, chain::real().parameters, chain::options(5));
     sim.run_for(0.5);
     sim.host().external_pose(sim.world().pose());
     protocol::TrajectoryCommand command;
@@ -134,6 +136,47 @@ TEST(ChainAdaptation, a_constant_circle_freezes_what_it_does_not_excite) {
     CHECK(std::abs(after.dynamics.k7_per_kg_m / before.dynamics.k7_per_kg_m - 1) < 0.01);
     CHECK(std::abs(after.dynamics.k8_per_kg_m2 / before.dynamics.k8_per_kg_m2 - 1) < 0.01);
     CHECK(sim.cycle().report().status.limit_adaptation_frozen);
+}
+
+// On a circle at a constant pace nothing but the dither tells mass and inertia. How far it moves the robot is
+// read from the body: less than its share of the track at both rims, and the way of the circle's own errors.
+TEST(ChainAdaptation, on_a_constant_circle_the_dither_tells_a_load) {
+    for (const bool dither : {true, false}) {
+        model::RobotParameters p = chain::identified();
+        if (!dither) p.adaptation.dither_error = 0;
+        Simulation sim(p, chain::real().parameters, chain::options(5));
+        sim.run_for(0.5);
+        protocol::TrajectoryCommand command;
+        command.shape = protocol::TrajectoryShape::circle;
+        command.length_m = 2;
+        command.period_s = 12;
+        sim.host().trajectory(command);
+        CHECK(enter_mode(sim, protocol::Mode::adaptive));
+        sim.run_for(15);
+        sim::PlantParameters loaded = sim.world().plant().parameters();
+        loaded.mass_kg *= 1.2;
+        loaded.inertia_kg_m2 *= 1.2;
+        sim.world().plant().set_parameters(loaded);
+        sim.run_for(5);
+        const auto k = sim.cycle().learning().estimate().dynamics;
+        const double off7 = 1.2 * k.k7_per_kg_m / chain::truth().k7_per_kg_m - 1;
+        const double off8 = 1.2 * k.k8_per_kg_m2 / chain::truth().k8_per_kg_m2 - 1;
+        double fastest = 0, slowest = HUGE_VAL;
+        for (int i = 0; i < 3000; ++i) {
+            sim.run_for(0.001);
+            const double v = sim.world().plant().twist().v_m_per_s;
+            fastest = std::max(fastest, v);
+            slowest = std::min(slowest, v);
+        }
+        std::printf(
+            "circle %s dither, 20 %% more mass and inertia: K7 %+.2f %%, K8 %+.2f %% off 5 s later; speed "
+            "within %.2f mm/s\n",
+            dither ? "with" : "without", 100 * off7, 100 * off8, 500 * (fastest - slowest));
+        if (!dither) continue;
+        CHECK(std::abs(off7) < 0.05 && std::abs(off8) < 0.05);
+        CHECK(!sim.cycle().learning().adaptation_frozen());
+        CHECK(fastest - slowest < 0.02);
+    }
 }
 
 // Note 18: a robot whose wheels say something else than an outside observer teaches nothing.

@@ -1,0 +1,88 @@
+// The asymmetry is made here from Newton and Euler about the middle of the axle, with a matrix that is
+// inverted, and not from the formulas of the code.
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "firmware/ident/cross_gains.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::ident;
+
+namespace {
+
+constexpr double kTrack_m = 0.47, kRadius_m = 0.081, kMass_kg = 17.3;
+
+struct Seen {
+    model::Dynamics<double> dynamics;  // in a torque's own direction
+    std::array<CrossGain, 2> cross;
+    double k7_alone, k8_alone;
+};
+
+// m v' - m p omega' = F, I omega' - m p v' = N; the left wheel gives 1 - c of what is asked, the right 1 + c.
+Seen seen(double inertia_kg_m2, double offset_m, double c) {
+    const double push = -kMass_kg * offset_m;
+    const double determinant = kMass_kg * inertia_kg_m2 - push * push;
+    const auto answer = [&](double left_Nm, double right_Nm) {
+        const double l = (1 - c) * left_Nm / kRadius_m, r = (1 + c) * right_Nm / kRadius_m;
+        const double force_N = l + r, yaw_Nm = (r - l) * kTrack_m / 2;
+        return std::array{(inertia_kg_m2 * force_N - push * yaw_Nm) / determinant,
+                          (kMass_kg * yaw_Nm - push * force_N) / determinant};
+    };
+    const auto both = answer(0.5, 0.5), against = answer(-0.5, 0.5);  // a sum, a difference of 1 Nm
+    return {{0, 0, both[0], against[1]},
+            {CrossGain{against[0], 1e-4 * both[0]}, CrossGain{both[1], 1e-4 * against[1]}},
+            1 / (kMass_kg * kRadius_m),
+            kTrack_m / (2 * kRadius_m * inertia_kg_m2)};
+}
+
+// Radius of gyration 0.4 of the track.
+double usual_inertia() { return kMass_kg * 0.16 * kTrack_m * kTrack_m; }
+
+double apart(const Asymmetry& found) {
+    const double mass_over_inertia =
+        2 * found.dynamics.k8_per_kg_m2 / (found.dynamics.k7_per_kg_m * kTrack_m);
+    return 1 - mass_over_inertia * found.offset_m * found.offset_m;
+}
+
+}  // namespace
+
+TEST_GROUP(CrossGains){};
+
+TEST(CrossGains, offset_and_mismatch_come_back_alone_and_together) {
+    for (const auto& [offset_share, c] :
+         {std::array{0.06, 0.0}, {-0.11, 0.0}, {0.0, 0.07}, {0.0, -0.12}, {0.06, 0.05}, {-0.04, 0.08}}) {
+        const Seen robot = seen(usual_inertia(), offset_share * kTrack_m, c);
+        const Asymmetry found = asymmetry(robot.dynamics, robot.cross, kTrack_m);
+        DOUBLES_EQUAL(offset_share, found.offset_m / kTrack_m, 0.001);
+        DOUBLES_EQUAL(c, found.mismatch, 0.002);
+        DOUBLES_EQUAL(1, apart(found) * found.dynamics.k7_per_kg_m / robot.k7_alone, 0.002);
+        DOUBLES_EQUAL(1, apart(found) * found.dynamics.k8_per_kg_m2 / robot.k8_alone, 0.002);
+    }
+}
+
+// Where the inertia is that of the mass over the wheels, both causes do the same: whatever is said makes the
+// same cross gains.
+TEST(CrossGains, where_the_causes_cannot_be_told_apart_their_sum_is_right) {
+    const Seen robot = seen(kMass_kg * kTrack_m * kTrack_m / 4, 0.05 * kTrack_m, 0.03);
+    const Asymmetry found = asymmetry(robot.dynamics, robot.cross, kTrack_m);
+    const auto& k = found.dynamics;
+    const double forward = k.k7_per_kg_m * found.mismatch + found.offset_m * k.k8_per_kg_m2;
+    const double turning = k.k8_per_kg_m2 * (found.mismatch + 2 * found.offset_m / kTrack_m);
+    DOUBLES_EQUAL(robot.cross[0].value, forward, 0.005 * robot.dynamics.k7_per_kg_m);
+    DOUBLES_EQUAL(robot.cross[1].value, turning, 0.005 * robot.dynamics.k8_per_kg_m2);
+}
+
+TEST(CrossGains, small_or_unsure_ones_are_no_effect) {
+    const Seen small = seen(usual_inertia(), 0.003 * kTrack_m, 0.002);
+    CHECK_EQUAL(0.0, asymmetry(small.dynamics, small.cross, kTrack_m).offset_m);
+    CHECK_EQUAL(0.0, asymmetry(small.dynamics, small.cross, kTrack_m).mismatch);
+    Seen unsure = seen(usual_inertia(), 0.06 * kTrack_m, 0.05);
+    for (CrossGain& gain : unsure.cross) gain.standard_error = std::abs(gain.value) / 3;
+    const Asymmetry none = asymmetry(unsure.dynamics, unsure.cross, kTrack_m);
+    CHECK_EQUAL(0.0, none.offset_m);
+    CHECK_EQUAL(0.0, none.mismatch);
+    CHECK_EQUAL(unsure.dynamics.k7_per_kg_m, none.dynamics.k7_per_kg_m);
+}
