@@ -76,7 +76,7 @@ TEST(CrossGains, where_the_causes_cannot_be_told_apart_their_sum_is_right) {
 }
 
 TEST(CrossGains, small_or_unsure_ones_are_no_effect) {
-    const Seen small = seen(usual_inertia(), 0.003 * kTrack_m, 0.002);
+    const Seen small = seen(usual_inertia(), 0.002 * kTrack_m, 0.002);
     CHECK_EQUAL(0.0, asymmetry(small.dynamics, small.cross, kTrack_m).offset_m);
     CHECK_EQUAL(0.0, asymmetry(small.dynamics, small.cross, kTrack_m).mismatch);
     Seen unsure = seen(usual_inertia(), 0.06 * kTrack_m, 0.05);
