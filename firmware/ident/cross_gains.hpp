@@ -11,6 +11,7 @@
 // where one will do; what the loops make of it is the same.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -24,9 +25,9 @@ struct CrossGain {
 };
 
 struct Asymmetry {
-    double mismatch = 0;               // c
-    double offset_m = 0;               // p
-    model::Dynamics<double> dynamics;  // without what both together add to K7 and K8
+    double mismatch = 0, mismatch_error = 0;  // c, and its standard error
+    double offset_m = 0, offset_error_m = 0;  // p
+    model::Dynamics<double> dynamics;         // without what both together add to K7 and K8
 };
 
 // Shares of K7 (K8) below this are not worth an effect: a tenth of it would be left of a step's settling
@@ -42,7 +43,8 @@ inline Asymmetry asymmetry(const model::Dynamics<double>& seen, const std::array
     constexpr double kLikelyOffset = 0.05;   // of the track: batteries, a motor on one side
     constexpr double kExplained = 0.0025;    // of K7, K8: what is left then matters to nobody
     constexpr double kSecondCause = 4;       // of chi squared
-    Asymmetry none{0, 0, seen};
+    Asymmetry none;
+    none.dynamics = seen;
     const std::array<double, 2> own{seen.k7_per_kg_m, seen.k8_per_kg_m2};
     bool worth = false;
     std::array<double, 2> variance{};  // of the shares
@@ -52,6 +54,8 @@ inline Asymmetry asymmetry(const model::Dynamics<double>& seen, const std::array
         const double error = cross[i].standard_error / own[i];
         variance[i] = error * error + kExplained * kExplained;
     }
+    none.mismatch_error = std::sqrt(std::max(variance[0], variance[1]));
+    none.offset_error_m = none.mismatch_error * track_m / 2;
     if (!worth) return none;
 
     // In shares of K7 and K8: c + forward q and c + q, with q = 2 p / b.
@@ -80,7 +84,10 @@ inline Asymmetry asymmetry(const model::Dynamics<double>& seen, const std::array
                                 believed_q * q * q + (with_c && with_q ? kSecondCause : 0);
             if (round == 3 && cost < least) {
                 least = cost;
-                best = {c, q * track_m / 2, {seen.k5_m, seen.k6_per_m, k7, k8}};
+                const double error_c = with_c ? std::sqrt(qq / determinant) : none.mismatch_error;
+                const double error_q = with_q ? std::sqrt(cc / determinant) : 2 * none.mismatch_error;
+                best = {
+                    c, error_c, q * track_m / 2, error_q * track_m / 2, {seen.k5_m, seen.k6_per_m, k7, k8}};
             }
         }
     }

@@ -131,10 +131,11 @@ model::Dynamics<double> Learning::probed_dynamics() const {
 
 // What couples forward and turning. Returns what is K5..K8 beside it.
 model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
-                                                   const model::RobotParameters& live) const {
+                                                   model::RobotParameters& live) const {
     constexpr std::size_t gains = model::find_effect(model::TorqueGainMismatch::info.name);
-    const auto put = [&](std::size_t effect, double value) {
+    const auto put = [&](std::size_t effect, double value, double error) {
         if (value == 0 && !live.effects.active[effect]) return;
+        live.effects_standard_error.parameter[effect][0] = error;
         const model::EffectParameterInfo& info = model::kEffects[effect].parameters[0];
         if (!live.effects.active[effect])
             service.record(model::effect_index(effect, model::kEffectActiveSlot), 1);
@@ -151,8 +152,9 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
         k.k7_per_kg_m *= both;
         k.k8_per_kg_m2 *= both;
     }
-    put(gains, model::TorqueGainMismatch::from_coordinates(model::Parameters<double>{mismatch})[0]);
-    put(model::kCogLateral, found.offset_m);
+    put(gains, model::TorqueGainMismatch::from_coordinates(model::Parameters<double>{mismatch})[0],
+        2 * found.mismatch_error);
+    put(model::kCogLateral, found.offset_m, found.offset_error_m);
     return model::CogLateral::scaled(k,
                                      1 - model::CogLateral::share(found.offset_m, live.geometry.track_m, k));
 }

@@ -70,8 +70,7 @@ class Learning {
     bool excited() const;
 
   private:
-    model::Dynamics<double> record_asymmetry(ParameterService& service,
-                                             const model::RobotParameters& live) const;
+    model::Dynamics<double> record_asymmetry(ParameterService& service, model::RobotParameters& live) const;
 
     ident::IdentificationRun<double> run_;
     ident::AdaptiveEstimator<double> adaptive_;
