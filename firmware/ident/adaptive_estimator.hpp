@@ -12,11 +12,10 @@
 // times the mass times its centre's place ahead of the axle and left of the middle; g: the drives' gain
 // mismatch. Hence
 //
-//     K5 = sx / (A (1 - k))     K6 = -K5 2 K8 / (b K7)     with k = (2/b) sy^2 / (A B)
-//     K7 = 1 / (A (1 - k))      K8 = 1 / (B (1 - k))
+//     K5 = sx / A     K6 = -K5 2 K8 / (b K7)     K7 = 1 / A     K8 = 1 / B
 //
-// so that K7 and K8 are what a torque does in its own direction, as ident mode finds them. Those of the
-// options are without 1 - k where the effect cog_lateral is among the effects, as in a robot file.
+// as in a robot file that lists the offset and the mismatch. estimate() gives what a torque does in its own
+// direction, as ident mode does (cross_gains.hpp: seen_together).
 //
 // A recursive least-squares update (U-D) over
 //     theta = (A, B, sx, sy, g, p_1 .. p_n)
@@ -61,6 +60,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "firmware/ident/cross_gains.hpp"
 #include "firmware/ident/dynamics_estimate.hpp"
 #include "firmware/ident/excitation_monitor.hpp"
 #include "firmware/ident/regression_filter.hpp"
@@ -106,6 +106,7 @@ class AdaptiveEstimator {
         const Real error5_m =
             std::max({options.standard_error.k5_m, std::abs(k.k5_m) / 5, kLeastError * track_m_});
         lateral_ = options.effects.active[model::kCogLateral];
+        listed_mismatch_ = model::listed_mismatch(options.effects);
         Vector theta{a, b, a * k.k5_m};
         if (lateral_) theta[kLeft] = a * options.effects.parameter[model::kCogLateral][0];
         Vector error{a * error7, b * error8, a * error5_m, a * kOffsetError * track_m_, kMismatchError};
@@ -544,11 +545,12 @@ class AdaptiveEstimator {
 
     void publish() {
         const Vector& t = rls_.theta();
-        const Real coupled = per_track_ * t[kLeft] * t[kLeft] / (t[kMass] * t[kInertia]);
-        const Real alone = 1 - std::min(coupled, Real(0.5));
-        const Real k5 = t[kAhead] / (t[kMass] * alone);
-        const Real k7 = 1 / (t[kMass] * alone);
-        const Real k8 = 1 / (t[kInertia] * alone);
+        const Real beside = 1 + listed_mismatch_ * t[kMismatch];
+        const Real offset_m = t[kLeft] / t[kMass];
+        const model::Dynamics<Real> seen =
+            seen_together<Real>({t[kAhead] / t[kMass], 0, beside / t[kMass], beside / t[kInertia]},
+                                (listed_mismatch_ + t[kMismatch]) / beside, offset_m, track_m_);
+        const Real k5 = seen.k5_m, k7 = seen.k7_per_kg_m, k8 = seen.k8_per_kg_m2;
         // to first order, as if sy were known
         const Real to_k7 = k7 / t[kMass];
         const Real to_k8 = k8 / t[kInertia];
@@ -570,7 +572,7 @@ class AdaptiveEstimator {
             estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
                 std::sqrt(held_[kFixed + j]);
         }
-        if (lateral_) estimate_.effects.parameter[model::kCogLateral][0] = t[kLeft] / t[kMass];
+        if (lateral_) estimate_.effects.parameter[model::kCogLateral][0] = offset_m;
         const model::Dynamics<Real>& e = estimate_.standard_error;
         estimate_.good_enough = e.k7_per_kg_m <= options_.trust_relative_error * k7 &&
                                 e.k8_per_kg_m2 <= options_.trust_relative_error * k8;
@@ -593,6 +595,7 @@ class AdaptiveEstimator {
     int size_ = static_cast<int>(kFixed);
     int window_rows_ = 1;  // of each equation
     int hold_rows_ = 0;
+    Real listed_mismatch_{};
     bool lateral_ = false;      // the file lists a lateral centre of gravity: it is one of the estimates
     bool was_quiet_ = true;     // a whole window without a change since the last one
     std::size_t doubtful_ = 0;  // of the load's parameters: the next one to be doubted

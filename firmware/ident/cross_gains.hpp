@@ -17,6 +17,7 @@
 #include <cstddef>
 
 #include "firmware/model/dynamics.hpp"
+#include "firmware/model/effects/cog_lateral.hpp"
 
 namespace wheelwright::ident {
 
@@ -27,8 +28,28 @@ struct CrossGain {
 struct Asymmetry {
     double mismatch = 0, mismatch_error = 0;  // c, and its standard error
     double offset_m = 0, offset_error_m = 0;  // p
-    model::Dynamics<double> dynamics;         // without what both together add to K7 and K8
 };
+
+// From K5..K8 as they stand beside c and p in a robot file to those that a regression sees which does not
+// know of c and p: of S in v', of D in omega'.
+template <typename Real>
+model::Dynamics<Real> seen_together(const model::Dynamics<Real>& k, Real mismatch, Real offset_m,
+                                    Real track_m) {
+    const Real scale = 1 / (1 - model::CogLateral::share(offset_m, track_m, k));
+    const Real k8 = k.k8_per_kg_m2 * scale;
+    return {k.k5_m * scale, k.k6_per_m * scale, k.k7_per_kg_m * scale + mismatch * offset_m * k8,
+            k8 * (1 + 2 * mismatch * offset_m / track_m)};
+}
+
+// And back.
+template <typename Real>
+model::Dynamics<Real> told_apart(const model::Dynamics<Real>& seen, Real mismatch, Real offset_m,
+                                 Real track_m) {
+    const Real k8 = seen.k8_per_kg_m2 / (1 + 2 * mismatch * offset_m / track_m);
+    const Real k7 = seen.k7_per_kg_m - mismatch * offset_m * k8;
+    const Real scale = 1 - model::CogLateral::share(offset_m, track_m, {0, 0, k7, k8});
+    return {seen.k5_m * scale, seen.k6_per_m * scale, k7 * scale, k8 * scale};
+}
 
 // Shares of K7 (K8) below this are not worth an effect: a tenth of it would be left of a step's settling
 // band, which is 1 %.
@@ -44,7 +65,6 @@ inline Asymmetry asymmetry(const model::Dynamics<double>& seen, const std::array
     constexpr double kExplained = 0.0025;    // of K7, K8: what is left then matters to nobody
     constexpr double kSecondCause = 4;       // of chi squared
     Asymmetry none;
-    none.dynamics = seen;
     const std::array<double, 2> own{seen.k7_per_kg_m, seen.k8_per_kg_m2};
     bool worth = false;
     std::array<double, 2> variance{};  // of the shares
@@ -86,8 +106,7 @@ inline Asymmetry asymmetry(const model::Dynamics<double>& seen, const std::array
                 least = cost;
                 const double error_c = with_c ? std::sqrt(qq / determinant) : none.mismatch_error;
                 const double error_q = with_q ? std::sqrt(cc / determinant) : 2 * none.mismatch_error;
-                best = {
-                    c, error_c, q * track_m / 2, error_q * track_m / 2, {seen.k5_m, seen.k6_per_m, k7, k8}};
+                best = {c, error_c, q * track_m / 2, error_q * track_m / 2};
             }
         }
     }

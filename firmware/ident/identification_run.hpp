@@ -118,7 +118,7 @@ class IdentificationRun {
         const model::Dynamics<double> seen{static_cast<double>(k.k5_m), static_cast<double>(k.k6_per_m),
                                            static_cast<double>(k.k7_per_kg_m),
                                            static_cast<double>(k.k8_per_kg_m2)};
-        if (estimator() == nullptr) return {.dynamics = seen};
+        if (estimator() == nullptr) return {};
         return ident::asymmetry(seen, estimator()->cross_gains(), options_.estimator.filter.geometry.track_m);
     }
     // Nothing is known before `estimating`.

@@ -195,6 +195,13 @@ struct EffectSet {
     std::array<Parameters<Real>, kEffectCount> parameter{};
 };
 
+// Half of the relative gain mismatch that a file lists: c of torque_gain_mismatch.hpp.
+template <typename Real>
+constexpr Real listed_mismatch(const EffectSet<Real>& set) {
+    constexpr std::size_t gains = find_effect(TorqueGainMismatch::info.name);
+    return set.active[gains] ? TorqueGainMismatch::coordinates(set.parameter[gains])[0] : Real(0);
+}
+
 // Those of the active effects that the cycle's estimators carry: linear in their parameters, in catalogue
 // order as far as there is room. The others stay as the robot file says; the estimators take their torque as
 // known.

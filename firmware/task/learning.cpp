@@ -44,10 +44,8 @@ constexpr double kKernelsRemembered = 40;
 // Samples that a speed is taken over: driving is slow beside the longest span that the filter has.
 constexpr int kAdaptiveSpeedSpan = 24;
 
-// K5..K8 of a file that lists a lateral centre of gravity, over those that the estimators see.
-double apart(const model::EffectSet<double>& effects, double track_m, const model::Dynamics<double>& k) {
-    if (!effects.active[model::kCogLateral]) return 1;
-    return 1 - model::CogLateral::share(effects.parameter[model::kCogLateral][0], track_m, k);
+double listed_offset_m(const model::EffectSet<double>& effects) {
+    return effects.active[model::kCogLateral] ? effects.parameter[model::kCogLateral][0] : 0;
 }
 
 // The dither's torque is at most this share of the limit, its way at a rim this share of the track. Its
@@ -142,21 +140,18 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
         service.record(model::effect_index(effect, 0), std::clamp(value, info.minimum, info.maximum));
     };
     const ident::Asymmetry found = run_.asymmetry();
-    model::Dynamics<double> k = found.dynamics;
+    model::Dynamics<double> k =
+        ident::told_apart(run_.estimate().dynamics, found.mismatch, found.offset_m, live.geometry.track_m);
     // The run took the torque that the file's mismatch lets arrive, so it has found what is to be added.
-    double mismatch = found.mismatch;
-    if (live.effects.active[gains]) {
-        const double listed = model::TorqueGainMismatch::coordinates(live.effects.parameter[gains])[0];
-        const double both = 1 + listed * mismatch;
-        mismatch = (listed + mismatch) / both;
-        k.k7_per_kg_m *= both;
-        k.k8_per_kg_m2 *= both;
-    }
+    const double listed = model::listed_mismatch(live.effects);
+    const double beside = 1 + listed * found.mismatch;
+    k.k7_per_kg_m *= beside;
+    k.k8_per_kg_m2 *= beside;
+    const double mismatch = (listed + found.mismatch) / beside;
     put(gains, model::TorqueGainMismatch::from_coordinates(model::Parameters<double>{mismatch})[0],
         2 * found.mismatch_error);
     put(model::kCogLateral, found.offset_m, found.offset_error_m);
-    return model::CogLateral::scaled(k,
-                                     1 - model::CogLateral::share(found.offset_m, live.geometry.track_m, k));
+    return k;
 }
 
 void Learning::record(ParameterService& service, model::RobotParameters& live) const {
@@ -219,11 +214,11 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
     options.trust_relative_error = p.adaptation.trust_relative_error;
     options.range = p.adaptation.range;
     adaptive_.configure(options);
-    guard_.configure(
-        {p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error, p.adaptation.range,
-         kCyclePeriod_s, p.geometry.track_m},
-        model::CogLateral::scaled(plant.dynamics, 1 / apart(plant.effects, track_m_, plant.dynamics)),
-        plant.effects);
+    guard_.configure({p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error,
+                      p.adaptation.range, kCyclePeriod_s, p.geometry.track_m},
+                     ident::seen_together(plant.dynamics, model::listed_mismatch(plant.effects),
+                                          listed_offset_m(plant.effects), track_m_),
+                     plant.effects);
     minimum_excitation_ = p.adaptation.minimum_excitation;
     dither_period_s_ = kRowsADither * adaptive_.row_interval_s();
     const double error = p.adaptation.dither_error;
@@ -238,7 +233,8 @@ bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
 }
 
 model::Dynamics<double> Learning::adapted_dynamics() const {
-    return model::CogLateral::scaled(guard_.dynamics(), apart(guard_.effects(), track_m_, guard_.dynamics()));
+    return ident::told_apart(guard_.dynamics(), model::listed_mismatch(guard_.effects()),
+                             listed_offset_m(guard_.effects()), track_m_);
 }
 
 WheelPair<double> Learning::dither_m_per_s2() const {

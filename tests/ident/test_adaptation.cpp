@@ -75,16 +75,19 @@ struct AdaptiveDrive {
                 static_cast<Real>(std::clamp(right, -5.0, 5.0))};
         robot.step(static_cast<double>(told.left), static_cast<double>(told.right));
     }
-    // K7 and K8 are what a torque does in its own direction.
+    // K7 and K8 are what a torque does in its own direction: a sum of 1 Nm to v', with each drive's gain, so
+    // that a part of it turns a robot whose centre of gravity is beside the middle, and the turning moves it.
     double error7() const {
-        return std::abs(static_cast<double>(estimator.estimate().dynamics.k7_per_kg_m) / robot.truth().k7 *
-                            (1 - robot.coupling()) -
-                        1);
+        const RobotTruth& t = robot.truth();
+        const double mean = (t.gain_left + t.gain_right) / 2, half = (t.gain_right - t.gain_left) / 2;
+        const double response = (mean * t.k7 + half * t.offset_m * t.k8) / (1 - robot.coupling());
+        return std::abs(static_cast<double>(estimator.estimate().dynamics.k7_per_kg_m) / response - 1);
     }
     double error8() const {
-        return std::abs(static_cast<double>(estimator.estimate().dynamics.k8_per_kg_m2) / robot.truth().k8 *
-                            (1 - robot.coupling()) -
-                        1);
+        const RobotTruth& t = robot.truth();
+        const double mean = (t.gain_left + t.gain_right) / 2, half = (t.gain_right - t.gain_left) / 2;
+        const double response = t.k8 * (mean + half * 2 * t.offset_m / t.track_m) / (1 - robot.coupling());
+        return std::abs(static_cast<double>(estimator.estimate().dynamics.k8_per_kg_m2) / response - 1);
     }
 
     TestRobot robot;

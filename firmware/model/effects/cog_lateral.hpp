@@ -22,17 +22,12 @@ struct CogLateral {
         parameters, "the push that both accelerations make on each other is added to the command"};
 
     // Forward motion turns the robot, and turning moves it on: both together give K7 / (1 - share) and
-    // K8 / (1 - share) in a torque's own direction, which is what a regression finds that does not know of
-    // the offset. The share is the same whichever K7 and K8 it is made from; at most a half is believed.
+    // K8 / (1 - share) in a torque's own direction. The share is the same whichever K7 and K8 it is made
+    // from; at most a half is believed.
     template <typename Real>
     static constexpr Real share(Real offset_m, Real track_m, const Dynamics<Real>& dynamics) {
         const Real mass_over_inertia = 2 * dynamics.k8_per_kg_m2 / (dynamics.k7_per_kg_m * track_m);
         return std::min(mass_over_inertia * offset_m * offset_m, Real(0.5));
-    }
-    // K5..K8 times this.
-    template <typename Real>
-    static constexpr Dynamics<Real> scaled(const Dynamics<Real>& k, Real factor) {
-        return {k.k5_m * factor, k.k6_per_m * factor, k.k7_per_kg_m * factor, k.k8_per_kg_m2 * factor};
     }
 
     // Mass times offset: the push is F = this * omega', N = this * v'.
