@@ -53,8 +53,8 @@ double listed_offset_m(const model::EffectSet<double>& effects) {
 // row is this share of a period: a longer one averages the dither away. Its amplitudes are what tells mass
 // and inertia to adaptation.dither_error within the memory, beside the rows' noise.
 constexpr double kDitherTorqueShare = 0.05;
-constexpr double kDitherWayShare = 0.002;
-constexpr double kRowsADither = 4.618;
+constexpr double kDitherWayShare = 0.003;
+constexpr double kRowsADither = 3.618;
 constexpr double kDitherOverSettling = 3;  // the loops then follow it
 
 constexpr double kKernelOverRow = 1.5;  // regression_filter.hpp

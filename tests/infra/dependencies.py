@@ -18,7 +18,7 @@ GENERATED = re.compile(r"(firmware/protocol|drivers/\w+)/\w+_messages\.hpp")
 # operating system. (<cstdlib> is for std::abs of integers; the link for the bare target proves that nothing calls
 # its malloc.)
 CORE_HEADERS = set("""algorithm array bit cmath compare concepts cstddef cstdint cstdlib initializer_list limits numbers
-    optional span string_view tuple type_traits utility""".split())
+    optional span string_view tuple type_traits utility variant""".split())
 # Of an operating system, or of a program with files and threads. <atomic> and <cstring> are neither.
 MACHINE_HEADERS = re.compile(
     r".*/.*|.*\.h|cstdio|iostream|fstream|thread|mutex|shared_mutex|condition_variable|future|filesystem|chrono|"

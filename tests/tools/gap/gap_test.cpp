@@ -204,7 +204,7 @@ TEST(GapSensors, a_sensor_slower_than_the_log_loses_no_rows_and_its_counts_are_n
         for (int i = 0; i < 2000; ++i) {
             tools::MeasuredSample s;
             s.t_s = i * log.period_s;
-            const double told_s = i / together * together * log.period_s;
+            const double told_s = (i - i % together) * log.period_s;
             const double speed = 0.12 * std::round((9 + 6 * std::sin(1.3 * told_s)) / 0.12);
             s.speed_rad_per_s = {speed, speed};
             s.torque_Nm = {1, 1};
