@@ -50,8 +50,8 @@ TEST(Dither, has_its_amplitudes_and_its_rates_are_derivatives) {
     }
     DOUBLES_EQUAL(0.2, largest_v_rate, 1e-4);
     DOUBLES_EQUAL(0.3, largest_rim_rate, 1e-4);
-    DOUBLES_EQUAL(0, sum_v / kCycles, 1e-6);
-    DOUBLES_EQUAL(0, sum_omega / kCycles, 1e-6);
+    DOUBLES_EQUAL(0, sum_v / kCycles, 1e-5);  // of a last wave that is not whole
+    DOUBLES_EQUAL(0, sum_omega / kCycles, 1e-5);
 }
 
 TEST(Dither, fades_away_where_a_wheel_hardly_turns_and_without_amplitudes_is_none) {
