@@ -49,9 +49,9 @@ double listed_offset_m(const model::EffectSet<double>& effects) {
 }
 
 // The dither's torque is at most this share of the limit, its way at a rim this share of the track. Its
-// period is the one at which it may use both: a shorter one would accelerate less on the way that it has. A
-// row is this share of a period: a longer one averages the dither away. Its amplitudes are what tells mass
-// and inertia to adaptation.dither_error within the memory, beside the rows' noise.
+// period is the one at which it may use both: a shorter one would accelerate less on the way that it has. So
+// many rows are in a period: fewer, and each averages the dither away. Its amplitudes are what tells mass and
+// inertia to adaptation.dither_error within the memory, beside the rows' noise.
 constexpr double kDitherTorqueShare = 0.05;
 constexpr double kDitherWayShare = 0.003;
 constexpr double kRowsADither = 3.618;
