@@ -572,7 +572,11 @@ class AdaptiveEstimator {
             estimate_.effects_standard_error.parameter[place.effect][place.parameter] =
                 std::sqrt(held_[kFixed + j]);
         }
-        if (lateral_) estimate_.effects.parameter[model::kCogLateral][0] = offset_m;
+        if (lateral_) {
+            estimate_.effects.parameter[model::kCogLateral][0] = offset_m;
+            estimate_.effects_standard_error.parameter[model::kCogLateral][0] =
+                std::sqrt(held_[kLeft]) / t[kMass];
+        }
         const model::Dynamics<Real>& e = estimate_.standard_error;
         estimate_.good_enough = e.k7_per_kg_m <= options_.trust_relative_error * k7 &&
                                 e.k8_per_kg_m2 <= options_.trust_relative_error * k8;

@@ -53,7 +53,7 @@ struct CycleReport {
     model::Dynamics<double> estimate;
     model::Dynamics<double> standard_error;
     model::Dynamics<double> covariance;  // bare diagonal of P
-    std::array<EffectReport, model::kMaxEstimatedColumns> effects;
+    std::array<EffectReport, model::kMaxEstimatedColumns + 1> effects;  // and cog_lateral
     std::size_t effect_count = 0;
     protocol::IdentStatus ident;
     std::array<double, protocol::ident_quantity_values.size()> ident_quantities{};
