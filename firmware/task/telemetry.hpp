@@ -52,7 +52,7 @@ struct CycleReport {
     Pose<double> tracking_error;  // x: along, y: across, in the reference's frame
     model::Dynamics<double> estimate;
     model::Dynamics<double> standard_error;
-    model::Dynamics<double> covariance;  // bare diagonal of P
+    model::Dynamics<double> covariance;                                 // bare diagonal of P
     std::array<EffectReport, model::kMaxEstimatedColumns + 1> effects;  // and cog_lateral
     std::size_t effect_count = 0;
     protocol::IdentStatus ident;
