@@ -13,6 +13,20 @@
 using namespace wheelwright;
 using namespace wheelwright::tools;
 
+namespace {
+
+// At a constant pace, two metres across.
+bool adapt_on_a_circle(Simulation& sim) {
+    protocol::TrajectoryCommand command;
+    command.shape = protocol::TrajectoryShape::circle;
+    command.length_m = 2;
+    command.period_s = 12;
+    sim.host().trajectory(command);
+    return enter_mode(sim, protocol::Mode::adaptive);
+}
+
+}  // namespace
+
 TEST_GROUP(ChainAdaptation){};
 
 TEST(ChainAdaptation, a_payload_is_known_three_seconds_later_in_19_of_20_seeds) {
@@ -118,12 +132,7 @@ TEST(ChainAdaptation, a_constant_circle_freezes_what_it_does_not_excite_but_for_
     Simulation sim(calm, chain::real().parameters, chain::options(5));
     sim.run_for(0.5);
     sim.host().external_pose(sim.world().pose());
-    protocol::TrajectoryCommand command;
-    command.shape = protocol::TrajectoryShape::circle;
-    command.length_m = 2;
-    command.period_s = 12;
-    sim.host().trajectory(command);
-    CHECK(enter_mode(sim, protocol::Mode::adaptive));
+    CHECK(adapt_on_a_circle(sim));
     sim.run_for(30);
     const auto before = sim.cycle().learning().estimate();
     const bool frozen = sim.cycle().learning().adaptation_frozen();
@@ -146,12 +155,7 @@ TEST(ChainAdaptation, on_a_constant_circle_the_dither_tells_a_load) {
         if (!dither) p.adaptation.dither_error = 0;
         Simulation sim(p, chain::real().parameters, chain::options(5));
         sim.run_for(0.5);
-        protocol::TrajectoryCommand command;
-        command.shape = protocol::TrajectoryShape::circle;
-        command.length_m = 2;
-        command.period_s = 12;
-        sim.host().trajectory(command);
-        CHECK(enter_mode(sim, protocol::Mode::adaptive));
+        CHECK(adapt_on_a_circle(sim));
         sim.run_for(15);
         sim::PlantParameters loaded = sim.world().plant().parameters();
         loaded.mass_kg *= 1.2;
