@@ -19,7 +19,6 @@
 #include <cstdint>
 
 #include "firmware/ident/coloured_errors.hpp"
-#include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/regression_filter.hpp"
 #include "firmware/ident/ud_rls.hpp"
 
@@ -94,23 +93,6 @@ class DelayEstimator {
         return result;
     }
 
-    std::uint32_t rows() const { return rows_; }
-
-    // For judge_mirror(); K7 and K8 are the sums of the taps. About 1000 operations.
-    CouplingTerms<Real> coupling_terms() const {
-        CouplingTerms<Real> terms;
-        for (std::size_t i = 0; i < 2; ++i) {
-            terms.filed[i] = term(equation_[i], 0);
-            terms.mirrored[i] = term(equation_[i], 1);
-        }
-        const auto taps = [](const Vector& theta) {
-            return theta[kTap] + theta[kTap + 1] + theta[kTap + 2] + theta[kTap + 3];
-        };
-        terms.k7_per_kg_m = taps(equation_[0].rls.theta());
-        terms.k8_per_kg_m2 = taps(equation_[1].rls.theta());
-        return terms;
-    }
-
   private:
     static constexpr int kTaps = 4;
     static constexpr double kTapSpacing_s = 0.002;
@@ -146,14 +128,6 @@ class DelayEstimator {
         for (std::size_t j = 0; j < static_cast<std::size_t>(filter_.columns()); ++j)
             phi[kFixed + j] = combine(row.column[j]);
         equation.errors.push(phi, equation.rls.update(phi, y));
-    }
-
-    typename CouplingTerms<Real>::Term term(const Equation& equation, int parameter) const {
-        Vector p{};
-        for (int i = 0; i < kFixed + filter_.columns(); ++i)
-            p[static_cast<std::size_t>(i)] = equation.rls.covariance(i, parameter);
-        const Real variance = equation.errors.covariance(equation.errors.noise_variances(), p, p);
-        return {equation.rls.theta()[static_cast<std::size_t>(parameter)], std::sqrt(variance)};
     }
 
     // sum(c_k t_k) / sum(c_k), t_k from the first tap on, and its first-order variance.

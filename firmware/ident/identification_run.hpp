@@ -36,7 +36,7 @@ struct IdentificationOptions {
     // error are those that size_identification() finds; friction may be estimated beside the listed effects.
     ExcitationOptions<Real> excitation;
     DynamicsEstimatorOptions<Real> estimator;  // estimator.filter.delay_s: used when delay_phase_s is 0
-    double delay_phase_s{};  // at least; goes on, up to kLongestDelayPhase times, until it is sure
+    double delay_phase_s{};  // at least; goes on, up to kLongestDelayPhase, until it is sure
     double duration_s{};
     bool run_full_time = false;  // do not stop when the errors are small enough
     bool probe = false;
@@ -92,9 +92,7 @@ class IdentificationRun {
             auto& delay_estimator = *std::get_if<DelayEstimator<Real>>(&stage_);
             delay_estimator.push(sample);
             ++delay_cycles_;
-            if (delay_cycles_ % kLookAgainCycles == 0 && delay_estimator.rows() >= kRowsForSigns)
-                look_at_signs(delay_estimator.coupling_terms());
-            if (!finished() && delay_cycles_ >= next_look_) look_at_delay(delay_estimator);
+            if (delay_cycles_ >= next_look_) look_at_delay(delay_estimator);
         } else if (auto& estimator = *std::get_if<DynamicsEstimator<Real>>(&stage_); estimator.push(sample)) {
             if (errors_known()) look_at_signs(estimator.coupling_terms());
             if (!finished()) look_at_wheels(estimator);
@@ -163,7 +161,7 @@ class IdentificationRun {
     }
 
   private:
-    static constexpr double kLongestDelayPhase = 4;     // of delay_phase_s
+    static constexpr double kLongestDelayPhase = 0.2;   // of the duration
     static constexpr Real kSureDelay_s = Real(5e-5);    // a twentieth of a cycle
     static constexpr Real kUsableDelay_s = Real(1e-3);  // a cycle: the estimator's timing columns do the rest
     // When time is up, this times the wanted standard errors of K7 and K8 will do.
@@ -251,8 +249,8 @@ class IdentificationRun {
         delay_cycles_ = 0;
         if (options_.delay_phase_s > 0) {
             next_look_ = static_cast<std::uint32_t>(options_.delay_phase_s / dt);
-            last_delay_cycle_ = static_cast<std::uint32_t>((options_.probe ? kLongestDelayPhase : 1.0) *
-                                                           options_.delay_phase_s / dt);
+            last_delay_cycle_ = std::max(
+                next_look_, static_cast<std::uint32_t>(kLongestDelayPhase * options_.duration_s / dt));
             stage_.template emplace<DelayEstimator<Real>>().configure(options_.estimator.filter);
             state_ = IdentState::measuring_delay;
         } else {
@@ -369,7 +367,6 @@ class IdentificationRun {
         estimate_from_here();
     }
     static constexpr std::uint32_t kLookAgainCycles = 250;
-    static constexpr std::uint32_t kRowsForSigns = 60;  // errors from fewer are none
 
     void watch_reports(const WheelPair<Real>& told, const ProbeSample& senses) {
         if (!options_.probe || !found_.reports) return;

@@ -47,6 +47,8 @@ inline constexpr double kBitShare = 0.35;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
 inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
+inline constexpr double kCalmBit_s = 0.040;
+inline constexpr double kOverFriction = 12;
 // Below the torque at which a drive clips, as it says itself, and as the motion says.
 inline constexpr double kBelowReported = 0.95;
 inline constexpr double kBelowSeen = 0.9;
@@ -65,15 +67,12 @@ inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limi
 }
 
 // Kernels are blocks of two thirds of them, without a common factor with a bit's samples (see
-// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands; long ones average
-// more of the encoders' noise.
-inline constexpr double kBlockShare = 1.45;        // of a bit
-inline constexpr double kRubbingBlockShare = 0.7;  // where friction takes kRubbing of the torque
-inline constexpr double kRubbing = 0.1;
-inline double kernel_for_bit_s(double bit_time_s, double sample_time_s, double dry_share = 0) {
+// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands and keep the fast part
+// of the motion; long ones average more of the encoders' noise.
+inline constexpr double kBlockShare = 0.7;  // of a bit
+inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
     const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
-    int block = std::max(
-        6, static_cast<int>(std::lround((dry_share < kRubbing ? kBlockShare : kRubbingBlockShare) * bit)));
+    int block = std::max(6, static_cast<int>(std::lround(kBlockShare * bit)));
     const auto share_a_factor = [](int a, int b) {  // Euclid
         while (b != 0) a = std::exchange(b, a % b);
         return a != 1;
@@ -146,10 +145,14 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
         return s;
     }
 
-    s.dry_share = friction / s.amplitude_Nm;
     const auto bit_at = [&](double amplitude) {
         return kBitShare * std::min(limits.v_m_per_s / k7, limits.omega_rad_per_s / k8) / (2 * amplitude);
     };
+    // No more torque than fills the limits in kCalmBit_s, unless friction would take much of that: longer bits
+    // leave more of the motion below the encoders' noise, and less of it rests on the delay.
+    if (r.amplitude_Nm <= 0)
+        s.amplitude_Nm =
+            std::min(s.amplitude_Nm, std::max(bit_at(1) / kCalmBit_s, kOverFriction * friction));
     double bit = bit_at(s.amplitude_Nm);
     if (bit < kShortestBit_s && r.amplitude_Nm <= 0) {
         const double gentle = s.amplitude_Nm * bit / kShortestBit_s;
@@ -160,14 +163,15 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
         s.amplitude_Nm = gentle;
         bit = kShortestBit_s;
     }
+    s.dry_share = friction / s.amplitude_Nm;
     bit = std::clamp(bit, kShortestBit_s, kLongestBit_s);
     s.bit_time_s = r.bit_time_s > 0 ? r.bit_time_s : r.sample_time_s * std::round(bit / r.sample_time_s);
-    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s, s.dry_share);
+    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s);
 
     // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of
     // it, or to a length that no ruler tells.
     constexpr double kCouplingShare = 0.00035;
-    constexpr double kCouplingLength = 1.0 / 1600;  // of the track
+    constexpr double kCouplingLength = 1.0 / 1800;  // of the track
     const double omega = limits.omega_rad_per_s;
     s.coupling_standard_error_m = r.coupling_standard_error_m > 0
                                       ? r.coupling_standard_error_m

@@ -101,7 +101,7 @@ const std::array kTable{
     WW_REAL(0x00A5, ident.distance_limit_m, "m", 1.5, 0.1, 25.0, idle, "distance from the starting point the excitation is kept within"),
     WW_REAL(0x00A6, ident.relative_standard_error, "", 0.005, 1e-4, 0.5, idle, "standard error over value at which K7 and K8 are good enough"),
     WW_REAL(0x00A7, ident.kernel_s, "s", 0.0, 0.002, 0.25, idle, "half width of the averaging kernel of the regression; auto: two bits, or one where friction is large"),
-    WW_REAL(0x00A8, ident.delay_phase_s, "s", 4.0, 0.5, 60.0, idle, "least time given to measuring the actuation delay"),
+    WW_REAL(0x00A8, ident.delay_phase_s, "s", 1.0, 0.5, 60.0, idle, "least time given to measuring the actuation delay"),
     WW_REAL(0x00AB, ident.coupling_standard_error_m, "m", 0.0, 1e-6, 1.0, idle, "standard error at which K5, and K6 as a length, are good enough; auto: where it no longer matters at the yaw rate limit"),
 
     WW_CHOICE(0x00C0, velocity_loop.method, kMethods, 0, idle, "how the velocity loops are designed"),

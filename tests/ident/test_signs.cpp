@@ -38,7 +38,7 @@ Drive drive(const RobotTruth& truth, double left, double right, double yaw_rate_
     o.estimator.filter.geometry = test::geometry_of(truth);
     o.estimator.filter.effects = test::both_frictions<double>();
     o.estimator.filter.sample_time_s = 0.001;
-    o.delay_phase_s = 4;
+    o.delay_phase_s = 1;
     o.duration_s = duration_s;
     o.probe = true;
     o.probing.geometry = o.estimator.filter.geometry;
