@@ -67,18 +67,28 @@ inline double yaw_rate_limit_rad_per_s(const SizingRequest& r, double speed_limi
 }
 
 // Kernels are blocks of two thirds of them, without a common factor with a bit's samples (see
-// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands and keep the fast part
-// of the motion; long ones average more of the encoders' noise.
-inline constexpr double kBlockShare = 0.7;  // of a bit
-inline double kernel_for_bit_s(double bit_time_s, double sample_time_s) {
+// DynamicsEstimatorOptions). Short blocks lose less of the time in which a wheel stands and keep the fast
+// part of the motion; they are made longer, up to a bit, where the encoders' noise asks for it.
+inline constexpr double kShortestBlock = 0.7;  // of a bit
+inline constexpr double kLongestBlock = 1.0;
+inline double kernel_for_bit_s(double bit_time_s, double sample_time_s, double quiet_block_s = 0) {
     const auto bit = static_cast<int>(std::lround(bit_time_s / sample_time_s));
-    int block = std::max(6, static_cast<int>(std::lround(kBlockShare * bit)));
+    int block = std::max(6, static_cast<int>(std::lround(std::clamp(
+                                quiet_block_s / sample_time_s, kShortestBlock * bit, kLongestBlock * bit))));
     const auto share_a_factor = [](int a, int b) {  // Euclid
         while (b != 0) a = std::exchange(b, a % b);
         return a != 1;
     };
     while (share_a_factor(block, bit)) ++block;
     return 1.5 * block * sample_time_s;
+}
+
+// The block over which an angle's noise, as the second difference of means over blocks, sqrt(6 dt / B) noise
+// / B^2, is this share of an acceleration.
+inline constexpr double kQuietShare = 0.005;
+inline double quiet_block_s(double angle_noise_rad, double acceleration_rad_per_s2, double sample_time_s) {
+    return std::pow(std::sqrt(6 * sample_time_s) * angle_noise_rad / (kQuietShare * acceleration_rad_per_s2),
+                    2.0 / 5);
 }
 
 // A limit that the measured speed's own noise would cross is none. The noise is the observer's, as
@@ -148,11 +158,10 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     const auto bit_at = [&](double amplitude) {
         return kBitShare * std::min(limits.v_m_per_s / k7, limits.omega_rad_per_s / k8) / (2 * amplitude);
     };
-    // No more torque than fills the limits in kCalmBit_s, unless friction would take much of that: longer bits
-    // leave more of the motion below the encoders' noise, and less of it rests on the delay.
+    // No more torque than fills the limits in kCalmBit_s, unless friction would take much of that: longer
+    // bits leave more of the motion below the encoders' noise, and less of it rests on the delay.
     if (r.amplitude_Nm <= 0)
-        s.amplitude_Nm =
-            std::min(s.amplitude_Nm, std::max(bit_at(1) / kCalmBit_s, kOverFriction * friction));
+        s.amplitude_Nm = std::min(s.amplitude_Nm, std::max(bit_at(1) / kCalmBit_s, kOverFriction * friction));
     double bit = bit_at(s.amplitude_Nm);
     if (bit < kShortestBit_s && r.amplitude_Nm <= 0) {
         const double gentle = s.amplitude_Nm * bit / kShortestBit_s;
@@ -166,7 +175,10 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     s.dry_share = friction / s.amplitude_Nm;
     bit = std::clamp(bit, kShortestBit_s, kLongestBit_s);
     s.bit_time_s = r.bit_time_s > 0 ? r.bit_time_s : r.sample_time_s * std::round(bit / r.sample_time_s);
-    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s);
+    const double weakest_per_Nm = std::min(2 * k7, k8 * r.track_m) / r.radius_m;  // at a wheel
+    const double quiet_s =
+        quiet_block_s(found.angle_noise_rad, weakest_per_Nm * s.amplitude_Nm, r.sample_time_s);
+    s.kernel_s = r.kernel_s > 0 ? r.kernel_s : kernel_for_bit_s(s.bit_time_s, r.sample_time_s, quiet_s);
 
     // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of
     // it, or to a length that no ruler tells.
@@ -184,7 +196,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     constexpr double kTurningShare = 0.8;
     constexpr double kSpanShare = 0.6;
     const double still_rad = kStillNoises * found.angle_noise_rad;
-    const double slowest = std::min(2 * k7, k8 * r.track_m) * (s.amplitude_Nm - friction) / r.radius_m;
+    const double slowest = weakest_per_Nm * (s.amplitude_Nm - friction);
     const double turning_samples = kTurningShare * std::sqrt(2 * still_rad / slowest) / r.sample_time_s;
     s.speed_span = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
     s.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
