@@ -469,6 +469,7 @@ class DynamicsEstimator {
         estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
                                     widened(linear, estimate_.dynamics.k7_per_kg_m),
                                     widened(turning, estimate_.dynamics.k8_per_kg_m2)};
+        join_coupling();
         publish_effects();
         const model::Dynamics<Real>& k = estimate_.dynamics;
         const model::Dynamics<Real>& e = estimate_.standard_error;
@@ -477,6 +478,26 @@ class DynamicsEstimator {
                                 e.k8_per_kg_m2 <= relative_standard_error_ * k.k8_per_kg_m2 &&
                                 k5_error_m() <= coupling_standard_error_m_ &&
                                 k6_error_m() <= coupling_standard_error_m_;
+    }
+
+    // K5 and K6 are one free parameter: what the robot's centre of gravity pushes it ahead with when it turns,
+    // it brakes the turning with when it drives; no power comes of it. So both equations measure one length,
+    // unless they disagree: then something is missing, and each keeps its own.
+    void join_coupling() {
+        constexpr Real kAgree = 3;  // standard errors
+        model::Dynamics<Real>& k = estimate_.dynamics;
+        model::Dynamics<Real>& e = estimate_.standard_error;
+        if (!(k.k7_per_kg_m > 0) || !(k.k8_per_kg_m2 > 0)) return;
+        const Real unit_m2 = -track_m_ * k.k7_per_kg_m / (2 * k.k8_per_kg_m2);  // of K6, as a length
+        const Real turning_m = unit_m2 * k.k6_per_m;
+        const Real a = e.k5_m * e.k5_m;
+        const Real b = unit_m2 * unit_m2 * e.k6_per_m * e.k6_per_m;
+        const Real apart_m = k.k5_m - turning_m;
+        if (!(a > 0) || !(b > 0) || !(apart_m * apart_m <= kAgree * kAgree * (a + b))) return;
+        k.k5_m -= apart_m * a / (a + b);
+        k.k6_per_m = k.k5_m / unit_m2;
+        e.k5_m = std::sqrt(a * b / (a + b));
+        e.k6_per_m = e.k5_m / std::abs(unit_m2);
     }
 
     void publish_effects() {

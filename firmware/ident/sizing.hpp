@@ -183,7 +183,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     // K5 matters by K5 omega^2 beside the acceleration that the torque gives: known to so small a share of
     // it, or to a length that no ruler tells.
     constexpr double kCouplingShare = 0.00035;
-    constexpr double kCouplingLength = 1.0 / 1800;  // of the track
+    constexpr double kCouplingLength = 1.0 / 3000;  // of the track
     const double omega = limits.omega_rad_per_s;
     s.coupling_standard_error_m = r.coupling_standard_error_m > 0
                                       ? r.coupling_standard_error_m
