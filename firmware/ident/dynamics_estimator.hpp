@@ -480,24 +480,31 @@ class DynamicsEstimator {
                                 k6_error_m() <= coupling_standard_error_m_;
     }
 
-    // K5 and K6 are one free parameter: what the robot's centre of gravity pushes it ahead with when it turns,
-    // it brakes the turning with when it drives; no power comes of it. So both equations measure one length,
-    // unless they disagree: then something is missing, and each keeps its own.
+    // K5 and K6 are one free parameter: K6 = -K5 K8 / (h K7), with half the track h, or the coupling would
+    // make power. So each equation measures what the other does, unless they disagree: then something is
+    // missing. Of wheels that are unlike by a share r, with a centre of gravity beside the middle, the
+    // relation is off by r (x8 / K8 - x7 / K7) with the cross torques' gains x7 and x8; r is not known, but
+    // not larger than both.
     void join_coupling() {
         constexpr Real kAgree = 3;  // standard errors
         model::Dynamics<Real>& k = estimate_.dynamics;
         model::Dynamics<Real>& e = estimate_.standard_error;
         if (!(k.k7_per_kg_m > 0) || !(k.k8_per_kg_m2 > 0)) return;
         const Real unit_m2 = -track_m_ * k.k7_per_kg_m / (2 * k.k8_per_kg_m2);  // of K6, as a length
+        const Real unlike = equation_[0].rls.theta()[kCrossTorque] / k.k7_per_kg_m;
+        const Real beside = equation_[1].rls.theta()[kCrossTorque] / k.k8_per_kg_m2;
+        const auto square = [](Real value) { return value * value; };
         const Real turning_m = unit_m2 * k.k6_per_m;
-        const Real a = e.k5_m * e.k5_m;
-        const Real b = unit_m2 * unit_m2 * e.k6_per_m * e.k6_per_m;
         const Real apart_m = k.k5_m - turning_m;
-        if (!(a > 0) || !(b > 0) || !(apart_m * apart_m <= kAgree * kAgree * (a + b))) return;
-        k.k5_m -= apart_m * a / (a + b);
-        k.k6_per_m = k.k5_m / unit_m2;
-        e.k5_m = std::sqrt(a * b / (a + b));
-        e.k6_per_m = e.k5_m / std::abs(unit_m2);
+        const Real a = square(e.k5_m);
+        const Real b = square(unit_m2 * e.k6_per_m);
+        const Real relation =
+            square(std::max(std::abs(unlike), std::abs(beside)) * (unlike - beside) * k.k5_m);
+        if (!(a > 0) || !(b > 0) || !(square(apart_m) <= square(kAgree) * (a + b + relation))) return;
+        k.k5_m -= apart_m * a / (a + b + relation);
+        k.k6_per_m = (turning_m + apart_m * b / (a + b + relation)) / unit_m2;
+        e.k5_m = std::sqrt(a * (b + relation) / (a + b + relation));
+        e.k6_per_m = std::sqrt(b * (a + relation) / (a + b + relation)) / std::abs(unit_m2);
     }
 
     void publish_effects() {
