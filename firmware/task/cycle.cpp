@@ -214,8 +214,9 @@ void Cycle::judge_conditions() {
                                           right_refusal != drivers::ArmRefusal::none);
     const auto unguarded = drivers::ArmRefusal::watchdog_not_confirmed;
     c.watchdog_confirmed = left_refusal != unguarded && right_refusal != unguarded;
-    c.over_speed = std::abs(motion.twist.v_m_per_s) > safety.over_speed_m_per_s ||
-                   std::abs(motion.twist.omega_rad_per_s) > safety.over_yaw_rate_rad_per_s;
+    // Written so that what is no number counts as dangerous.
+    c.over_speed = !(std::abs(motion.twist.v_m_per_s) <= safety.over_speed_m_per_s &&
+                     std::abs(motion.twist.omega_rad_per_s) <= safety.over_yaw_rate_rad_per_s);
     c.stop_line_active =
         ports_.emergency_stop != nullptr && ports_.emergency_stop->read() != hal::LineLevel::inactive;
     c.stop_message = host_.events().stop;
@@ -223,16 +224,19 @@ void Cycle::judge_conditions() {
     c.bus_down = bus_lost_ || refused_torques_ >= kRefusedTorquesUntilDown;
     c.terminate = terminate_.load(std::memory_order_relaxed);
     const auto& radius = control_.plant().geometry.wheel_radius_m;
-    const double rim = std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
-                                std::abs(radius.right * motion.wheel_speed_rad_per_s.right));
+    const auto rims_within = [&radius](const WheelPair<double>& speed_rad_per_s, double limit_m_per_s) {
+        return std::abs(radius.left * speed_rad_per_s.left) <= limit_m_per_s &&
+               std::abs(radius.right * speed_rad_per_s.right) <= limit_m_per_s;
+    };
     // the encoders' noise at rest, which has no mean, is no motion
     slow_wheels_.left += kSlowGain * (motion.wheel_speed_rad_per_s.left - slow_wheels_.left);
     slow_wheels_.right += kSlowGain * (motion.wheel_speed_rad_per_s.right - slow_wheels_.right);
-    c.moving = std::max(std::abs(radius.left * slow_wheels_.left),
-                        std::abs(radius.right * slow_wheels_.right)) > safety.clear_speed_m_per_s;
+    c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s);
     c.rolling = true;
     if (supervisor_.ramping()) {
-        resting_cycles_ = rim > kStandingShare * safety.clear_speed_m_per_s ? 0 : resting_cycles_ + 1;
+        const bool stands =
+            rims_within(motion.wheel_speed_rad_per_s, kStandingShare * safety.clear_speed_m_per_s);
+        resting_cycles_ = stands ? resting_cycles_ + 1 : 0;
         c.rolling = resting_cycles_ < kStandingCycles;
     }
     c.velocity_design_accepted = control_.design_accepted();

@@ -1,0 +1,176 @@
+// What goes wrong where the firmware's own state is wrong. Each case is judged on the simulated robot's true
+// speed and on the torque that its drives are truly told; on both wheels, both ways, and both layouts of the
+// buses.
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <cstring>
+#include <functional>
+#include <string>
+
+#include "tests/chain/robots.hpp"
+//
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright;
+using namespace wheelwright::tools;
+using protocol::Fault;
+using protocol::Mode;
+
+TEST_GROUP(ChainTrust){};
+
+namespace {
+
+constexpr std::uint32_t kEncoderEstimates = 0x09;
+
+struct Layout {
+    bool separate;     // the host has a bus of its own
+    std::size_t side;  // 0 left, 1 right
+    double way;        // 1 or -1
+
+    std::string name() const {
+        return std::string(separate ? "host bus" : "shared bus") + (side == 0 ? ", left" : ", right") +
+               (way > 0 ? ", forward" : ", backward");
+    }
+};
+
+void for_each_layout(const std::function<void(const Layout&)>& visit) {
+    for (const bool separate : {false, true}) {
+        for (const std::size_t side : {0U, 1U}) {
+            for (const double way : {1.0, -1.0}) visit({separate, side, way});
+        }
+    }
+}
+
+// A robot at rest that has been identified.
+class Scene {
+  public:
+    explicit Scene(const Layout& layout, std::uint64_t seed = 31,
+                   const model::RobotParameters& believed = chain::identified())
+        : sim(believed, chain::real().parameters, options(layout, seed)) {
+        sim.run_for(0.5);
+    }
+
+    static SimulationOptions options(const Layout& layout, std::uint64_t seed) {
+        SimulationOptions o = chain::options(seed);
+        o.separate_host_bus = layout.separate;
+        o.emergency_stop_line = true;
+        o.world.phase_ns = {100'000, 150'000};  // a foreign frame then is the last one of its cycle
+        return o;
+    }
+
+    void cruise(double speed_m_per_s) {
+        sim.host().velocity({speed_m_per_s, 0});
+        CHECK(enter_mode(sim, Mode::velocity));
+        sim.run_for(0.6);
+        CHECK(std::abs(true_speed() - speed_m_per_s) < 0.03);
+    }
+
+    // A frame on the drives' bus that neither firmware, drive nor host sends.
+    void foreign(const hal::CanFrame& frame) { sim.bus().endpoint(2).send(frame); }
+
+    double true_speed() const { return world().twist().v_m_per_s; }
+    double rim_speed() const {
+        const auto& radius = chain::real().parameters.geometry.wheel_radius_m;
+        const auto& speed = world().plant().wheel_speed_rad_per_s();
+        return std::max(std::abs(radius.left * speed.left), std::abs(radius.right * speed.right));
+    }
+    // What the drives' motors are told, at the wheels.
+    double true_torque_Nm() {
+        return std::max(std::abs(sim.world().left().torque_target_Nm()),
+                        std::abs(sim.world().right().torque_target_Nm()));
+    }
+    const sim::World& world() const { return const_cast<Simulation&>(sim).world(); }
+    Fault fault() const { return sim.cycle().supervisor().fault(); }
+
+    // Runs on; the largest true torque and rim speed.
+    struct Worst {
+        double torque_Nm = 0, rim_m_per_s = 0;
+        double last_torque_s = 0;  // when a torque was last seen, from the start of the run
+    };
+    Worst run(double duration_s, const std::function<void()>& each = {}) {
+        Worst worst;
+        const double start_s = sim.time_s();
+        sim.run_for(duration_s, [&] {
+            worst.torque_Nm = std::max(worst.torque_Nm, true_torque_Nm());
+            worst.rim_m_per_s = std::max(worst.rim_m_per_s, rim_speed());
+            if (true_torque_Nm() > 0) worst.last_torque_s = sim.time_s() - start_s;
+            if (each) each();
+        });
+        return worst;
+    }
+
+    Simulation sim;
+};
+
+hal::CanFrame encoder_frame(std::size_t side, float position_rev, float speed_rev_per_s) {
+    const auto& drive = chain::real().parameters.drive;
+    hal::CanFrame frame;
+    frame.id =
+        static_cast<std::uint32_t>(side == 0 ? drive.left.node : drive.right.node) << 5U | kEncoderEstimates;
+    frame.length = 8;
+    std::memcpy(frame.data.data(), &position_rev, 4);
+    std::memcpy(frame.data.data() + 4, &speed_rev_per_s, 4);
+    return frame;
+}
+
+}  // namespace
+
+TEST(ChainTrust, one_wild_encoder_frame_neither_moves_the_robot_nor_stays_in_the_firmwares_mind) {
+    for_each_layout([](const Layout& layout) {
+        for (const float wild_rev : {3e38F, -1e9F, 2e4F, 40.F, -1.F, 0.2F}) {
+            for (const double speed : {0.0, 0.5}) {
+                Scene scene(layout);
+                const double wanted = layout.way * speed;
+                scene.cruise(wanted);
+                const double position =
+                    scene.sim.cycle().observer().motion().wheel_angle_rad.left;  // near enough for all
+                scene.foreign(encoder_frame(
+                    layout.side,
+                    wild_rev > 1e3F ? wild_rev : wild_rev + static_cast<float>(position * 8 / 6.2832),
+                    wild_rev));
+                const Scene::Worst worst = scene.run(1);
+                const std::string text =
+                    layout.name() + ", " + std::to_string(wild_rev) + " turns at " + std::to_string(speed) +
+                    " m/s: fastest " + std::to_string(worst.rim_m_per_s) + ", then " +
+                    std::to_string(scene.true_speed()) + ", fault " + std::to_string(int(scene.fault()));
+                // 0.2 turns of the motor are a leap that a coarse encoder's wheel may make.
+                CHECK_TEXT(worst.rim_m_per_s < speed + 0.15, text.c_str());
+                CHECK_TEXT(std::abs(scene.true_speed() - wanted) < 0.03, text.c_str());
+            }
+        }
+    });
+}
+
+TEST(ChainTrust, a_drives_position_that_is_set_anew_is_no_motion) {
+    for_each_layout([](const Layout& layout) {
+        for (const bool driving : {false, true}) {
+            Scene scene(layout);
+            scene.cruise(layout.way);
+            scene.sim.run_for(2);  // some forty turns of the motor
+            if (!driving) {
+                CHECK(enter_mode(scene.sim, Mode::idle));
+                scene.sim.run_for(0.5);
+            }
+            const Pose<double> before = scene.sim.cycle().odometry().pose();
+            const double before_m = scene.world().pose().x_m;
+            scene.sim.host().external_poses(false);
+            scene.sim.world().drive(layout.side).zero_position();
+            Scene::Worst worst = scene.run(0.5);
+            if (!driving) {
+                scene.sim.host().velocity({layout.way, 0});
+                CHECK_TEXT(enter_mode(scene.sim, Mode::velocity), layout.name().c_str());
+                worst = scene.run(0.5);
+            }
+            const std::string text = layout.name() + ": fastest " + std::to_string(worst.rim_m_per_s) +
+                                     ", then " + std::to_string(scene.true_speed()) + ", fault " +
+                                     std::to_string(int(scene.fault()));
+            CHECK_TEXT(worst.rim_m_per_s < 1.15, text.c_str());
+            CHECK_TEXT(std::abs(scene.true_speed() - layout.way) < 0.05, text.c_str());
+            const Pose<double>& pose = scene.sim.cycle().odometry().pose();
+            const double went_m = std::hypot(pose.x_m - before.x_m, pose.y_m - before.y_m);
+            CHECK_TEXT(std::abs(went_m - std::abs(scene.world().pose().x_m - before_m)) < 0.05,
+                       (layout.name() + " odometry").c_str());
+        }
+    });
+}
