@@ -19,6 +19,7 @@ inline constexpr std::size_t kModeCount = protocol::mode_values.size();
 // What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
 struct Conditions {
     bool feedback_stale = false;         // encoder feedback of a wheel is older than its limit
+    bool encoder_implausible = false;    // a wheel's angle stands still though the wheel must have turned
     bool command_stale = false;          // the active mode's set-point was not repeated in time
     bool drive_error = false;            // a drive reports an error
     bool drive_silent = false;           // a drive's heartbeat is overdue
@@ -80,6 +81,7 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::drive_silent, kDriving, Fault::drive_silent, StopBy::coast},
     FaultRule{&Conditions::drive_disarmed_itself, kDriving, Fault::drive_left_armed_state, StopBy::coast},
     FaultRule{&Conditions::feedback_stale, kDriving, Fault::stale_feedback, StopBy::coast},
+    FaultRule{&Conditions::encoder_implausible, kDriving, Fault::encoder_implausible, StopBy::coast},
     FaultRule{&Conditions::over_speed, kDriving, Fault::over_speed, StopBy::as_configured_over_speed},
     FaultRule{&Conditions::overrun, kDriving, Fault::cycle_overrun, StopBy::as_configured_overrun},
     FaultRule{&Conditions::command_stale, kSetpointModes, Fault::stale_command,

@@ -86,6 +86,7 @@ void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
+    encoder_watch_.configure(control::encoder_watch_settings(parameters_));
     odometry_.configure(control::odometry_settings<double>(parameters_));
     effects_measured_ = effects_measured(parameters_);
     slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters_);
@@ -184,6 +185,23 @@ bool Cycle::setpoint_stale() const {
     }
 }
 
+// The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
+bool Cycle::encoder_implausible() {
+    const drivers::DriveFeedback& left = ports_.left.feedback();
+    const drivers::DriveFeedback& right = ports_.right.feedback();
+    const WheelPair<double> angle_rad{left.position_rad, right.position_rad};
+    const bool probing = identifying_ && learning_.run().state() == ident::IdentState::probing;
+    if (!supervisor_.may_drive() && !supervisor_.ramping()) {
+        encoder_watch_.rest(angle_rad);
+        return false;
+    }
+    if (probing) return encoder_watch_.update_alone(angle_rad, sent_torque_Nm_);
+    return encoder_watch_.update(elapsed_s_, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
+                                 observer_.motion().wheel_speed_rad_per_s, sent_torque_Nm_,
+                                 control_.plant().geometry, observer_.unexplained_acceleration(),
+                                 may_brake() ? &control_.plant().dynamics : nullptr);
+}
+
 void Cycle::judge_conditions() {
     const drivers::MotorDrive& left = ports_.left;
     const drivers::MotorDrive& right = ports_.right;
@@ -199,6 +217,7 @@ void Cycle::judge_conditions() {
     c.feedback_stale = stale(left.feedback().encoder_time_ns, safety.stale_feedback_s) ||
                        stale(right.feedback().encoder_time_ns, safety.stale_feedback_s);
     if (c.feedback_stale) ++stale_feedback_cycles_;
+    c.encoder_implausible = encoder_implausible();
     c.command_stale = setpoint_stale();
     const auto either_failed = [&](drivers::DriveFault fault) {
         return left.fault() == fault || right.fault() == fault;

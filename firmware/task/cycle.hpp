@@ -12,6 +12,7 @@
 #include <span>
 
 #include "drivers/motor_drive.hpp"
+#include "firmware/control/encoder_watch.hpp"
 #include "firmware/control/odometry.hpp"
 #include "firmware/control/wheel_observer.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -115,6 +116,7 @@ class Cycle {
     bool stale(std::int64_t time_ns, double limit_s) const;
     MotionInputs motion_inputs() const;
     [[gnu::noinline]] WheelPair<double> identify(const MotionInputs& now);
+    bool encoder_implausible();
     bool may_brake() const { return conditions_.model_known || rough_model_; }
 
     model::RobotParameters& parameters_;
@@ -125,6 +127,7 @@ class Cycle {
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
     control::WheelObserver<double> observer_;
+    control::EncoderWatch encoder_watch_;
     control::Odometry<double> odometry_;
     MotionControl control_;
     Learning learning_;

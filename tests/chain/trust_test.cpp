@@ -174,3 +174,95 @@ TEST(ChainTrust, a_drives_position_that_is_set_anew_is_no_motion) {
         }
     });
 }
+// From rest and at speed: 100 ms after the torque rises, or after the encoder stops.
+TEST(ChainTrust, a_frozen_encoder_takes_the_torque_away) {
+    double longest_s = 0, fastest = 0;
+    for_each_layout([&](const Layout& layout) {
+        for (const bool driving : {false, true}) {
+            for (const double speed : {0.1, 0.5, 2.0}) {
+                for (const bool both : {false, true}) {
+                    Scene scene(layout);
+                    const double wanted = layout.way * speed;
+                    if (driving) scene.cruise(wanted);
+                    scene.sim.world().drive(layout.side).faults().frozen_encoder = true;
+                    if (both) scene.sim.world().drive(1 - layout.side).faults().frozen_encoder = true;
+                    if (!driving) {
+                        scene.sim.run_for(0.1);
+                        scene.sim.host().velocity({wanted, 0});
+                        scene.sim.host().mode(Mode::velocity);
+                        CHECK(scene.sim.run_until([&] { return scene.true_torque_Nm() > 0.1; }, 0.5));
+                    }
+                    const Scene::Worst worst = scene.run(1);
+                    longest_s = std::max(longest_s, worst.last_torque_s);
+                    fastest = std::max(fastest, worst.rim_m_per_s - (driving ? speed : 0));
+                    const std::string text =
+                        layout.name() + (driving ? ", at " : ", from rest to ") + std::to_string(speed) +
+                        " m/s: torque for " + std::to_string(worst.last_torque_s) + " s, fastest " +
+                        std::to_string(worst.rim_m_per_s) + ", fault " + std::to_string(int(scene.fault()));
+                    CHECK_TEXT(worst.last_torque_s <= 0.1, text.c_str());
+                    CHECK_TEXT(scene.fault() == Fault::encoder_implausible, text.c_str());
+                }
+            }
+        }
+    });
+    std::printf("  torque for %.0f ms at most, rims %.2f m/s quicker\n", 1e3 * longest_s, fastest);
+}
+
+TEST(ChainTrust, a_frozen_encoder_ends_a_ramp_to_idle_and_torque_mode_at_speed_too) {
+    for_each_layout([&](const Layout& layout) {
+        for (const bool to_idle : {true, false}) {
+            Scene scene(layout);
+            scene.cruise(layout.way * 1.5);
+            if (!to_idle) {
+                scene.sim.host().torque({0.3 * layout.way, 0.3 * layout.way});
+                scene.sim.run_for(0.003);
+                CHECK(enter_mode(scene.sim, Mode::torque));
+                scene.sim.run_for(0.05);
+            }
+            scene.sim.world().drive(layout.side).faults().frozen_encoder = true;
+            if (to_idle) scene.sim.host().mode(Mode::idle);
+            const Scene::Worst worst = scene.run(2);
+            const std::string text = layout.name() + (to_idle ? ", to idle" : ", torque mode") +
+                                     ": torque for " + std::to_string(worst.last_torque_s) + " s, fastest " +
+                                     std::to_string(worst.rim_m_per_s);
+            CHECK_TEXT(worst.last_torque_s <= 0.1, text.c_str());
+            CHECK_TEXT(worst.rim_m_per_s <= 1.5 + 0.7, text.c_str());
+        }
+    });
+}
+
+// At any moment of an identification, also of a robot of which nothing is known.
+TEST(ChainTrust, a_frozen_encoder_ends_an_identification_inside_its_area) {
+    double farthest = 0, fastest = 0;
+    for_each_layout([&](const Layout& layout) {
+        for (const bool known : {false, true}) {
+            for (const double at_s : {0.0, 2.0, 5.0, 8.0, 12.0}) {
+                model::RobotParameters believed = known ? chain::identified() : chain::believed().parameters;
+                if (!known) believed.dynamics = model::default_parameters().dynamics;
+                Scene scene(layout, 33, believed);
+                if (at_s == 0) scene.sim.world().drive(layout.side).faults().frozen_encoder = true;
+                CHECK(enter_mode(scene.sim, Mode::ident));
+                scene.sim.run_for(at_s);
+                scene.sim.world().drive(layout.side).faults().frozen_encoder = true;
+                const Pose<double> start = scene.world().pose();
+                double away_m = 0;
+                const Scene::Worst worst = scene.run(20, [&] {
+                    const Pose<double>& pose = scene.world().pose();
+                    away_m = std::max(away_m, std::hypot(pose.x_m - start.x_m, pose.y_m - start.y_m));
+                });
+                farthest = std::max(farthest, away_m);
+                fastest = std::max(fastest, worst.rim_m_per_s);
+                const std::string text =
+                    layout.name() + (known ? ", known" : ", unknown") + ", frozen at " +
+                    std::to_string(at_s) + " s: fastest " + std::to_string(worst.rim_m_per_s) +
+                    " m/s, away " + std::to_string(away_m) + " m, torque for " +
+                    std::to_string(worst.last_torque_s) + " s, fault " + std::to_string(int(scene.fault())) +
+                    ", cause " + std::to_string(int(scene.sim.cycle().report().ident.cause));
+                CHECK_TEXT(worst.rim_m_per_s <= believed.safety.over_speed_m_per_s, text.c_str());
+                CHECK_TEXT(away_m <= 1.5 * believed.ident.distance_limit_m, text.c_str());
+                CHECK_FALSE_TEXT(scene.sim.cycle().supervisor().may_drive(), text.c_str());
+            }
+        }
+    });
+    std::printf("  rims %.2f m/s at most, %.2f m away\n", fastest, farthest);
+}

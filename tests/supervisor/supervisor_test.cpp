@@ -56,6 +56,7 @@ struct Danger {
 // What must stop each driving mode, whatever else is true.
 constexpr std::array kDangers{
     Danger{"feedback stale", &Conditions::feedback_stale, Fault::stale_feedback},
+    Danger{"encoder implausible", &Conditions::encoder_implausible, Fault::encoder_implausible},
     Danger{"drive error", &Conditions::drive_error, Fault::drive_error},
     Danger{"drive silent", &Conditions::drive_silent, Fault::drive_silent},
     Danger{"drive left its armed state", &Conditions::drive_disarmed_itself, Fault::drive_left_armed_state},
