@@ -22,6 +22,7 @@ struct Conditions {
     bool encoder_implausible = false;    // a wheel's angle stands still though the wheel must have turned
     bool command_stale = false;          // the active mode's set-point was not repeated in time
     bool drive_error = false;            // a drive reports an error
+    bool foreign_control = false;        // somebody else arms a drive or gives it set-points
     bool drive_silent = false;           // a drive's heartbeat is overdue
     bool drives_armed = false;           // both drives follow torque commands
     bool path_known = true;              // the pace of the path that is to be driven
@@ -77,6 +78,7 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::stop_message, kDriving | kIdle, Fault::emergency_stop_message,
               StopBy::as_configured_emergency_stop},
     FaultRule{&Conditions::bus_down, kDriving, Fault::bus_down, StopBy::coast},
+    FaultRule{&Conditions::foreign_control, kDriving | kIdle, Fault::foreign_control, StopBy::coast},
     FaultRule{&Conditions::drive_error, kDriving, Fault::drive_error, StopBy::coast},
     FaultRule{&Conditions::drive_silent, kDriving, Fault::drive_silent, StopBy::coast},
     FaultRule{&Conditions::drive_disarmed_itself, kDriving, Fault::drive_left_armed_state, StopBy::coast},

@@ -60,8 +60,8 @@ void Supervisor::step(const Conditions& now) {
         }
     } else if (phase_ == Phase::ramping) {
         // Braking needs feedback, obedient drives and time; without one of them it becomes coasting.
-        if (now.feedback_stale || now.encoder_implausible || !now.drives_armed || now.drive_error || now.bus_down ||
-            now.stop_line_active || now.stop_message || now.not_finite) {
+        if (now.feedback_stale || now.encoder_implausible || now.foreign_control || !now.drives_armed ||
+            now.drive_error || now.bus_down || now.stop_line_active || now.stop_message || now.not_finite) {
             phase_ = Phase::steady;
         }
     }

@@ -223,6 +223,9 @@ void Cycle::judge_conditions() {
         return left.fault() == fault || right.fault() == fault;
     };
     const bool left_by_itself = either_failed(drivers::DriveFault::left_armed);
+    const std::uint32_t foreign = left.counters().foreign_control + right.counters().foreign_control;
+    c.foreign_control = foreign != foreign_control_;
+    foreign_control_ = foreign;
     c.drive_error = either(DriveState::fault) && !left_by_itself;
     c.drive_silent = either(DriveState::silent);
     c.path_known = !control_.pace().running();
@@ -286,6 +289,9 @@ void Cycle::obey() {
     }
     const Mode before = supervisor_.mode();
     supervisor_.step(conditions_);
+    // A stop goes to drives that are believed idle too.
+    const bool stops = supervisor_.mode() == Mode::fault &&
+                       (before != Mode::fault || conditions_.stop_message || conditions_.foreign_control);
     if (identifying_ && (supervisor_.mode() != Mode::ident || supervisor_.ramping())) {
         finish_identification();
     }
@@ -294,7 +300,7 @@ void Cycle::obey() {
     if (wanted && !drives_wanted_) {
         ports_.left.request_arm();
         ports_.right.request_arm();
-    } else if (!wanted && drives_wanted_) {
+    } else if (!wanted && (drives_wanted_ || stops)) {
         ports_.left.request_disarm();
         ports_.right.request_disarm();
     }
@@ -474,7 +480,10 @@ void Cycle::send(std::int64_t) {
     const std::uint32_t refused = send_refused_;
     for (const hal::CanFrame& frame : torques_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
-    for (const hal::CanFrame& frame : outbox_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
+    for (const hal::CanFrame& frame : outbox_.frames()) {
+        if (transmit(ports_.drive_bus, frame, drive_meter_)) continue;
+        if (!ports_.left.refused(frame)) ports_.right.refused(frame);
+    }
 
     const Telemetry::Turn turn = long_cycle_ ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
@@ -491,13 +500,14 @@ void Cycle::send(std::int64_t) {
     host_meter_.step(elapsed_s_);
 }
 
-void Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter) {
-    const hal::CanStatus status = bus.send(frame);
-    if (status == hal::CanStatus::ok) {
+bool Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter) {
+    const bool taken = bus.send(frame) == hal::CanStatus::ok;
+    if (taken) {
         meter.count(frame);
     } else {
         ++send_refused_;
     }
+    return taken;
 }
 
 void Cycle::note_times() {
@@ -631,6 +641,7 @@ void Cycle::fill_counters(CycleReport& r) const {
     put(Cause::bus_error_frames, statistics.error_frames);
     put(Cause::bus_off, statistics.bus_off);
     put(Cause::stale_feedback_cycles, stale_feedback_cycles_);
+    put(Cause::foreign_control, foreign_control_);
 }
 
 }  // namespace wheelwright::task

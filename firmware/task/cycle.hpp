@@ -108,7 +108,7 @@ class Cycle {
     void fill_counters(CycleReport& report) const;
 
     void drain(hal::CanBus& bus, bool from_host, bool from_drives);
-    void transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
+    bool transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
     void configure();
     void finish_identification();
     [[gnu::noinline]] void use_rough_model();
@@ -157,6 +157,7 @@ class Cycle {
     double slip_limit_rad_per_s_ = 0;
     bool angles_known_ = false;
     std::int64_t sample_age_ns_ = 0;
+    std::uint32_t foreign_control_ = 0;  // of both drives, by the end of the cycle before
     bool was_armed_ = false;
     bool was_ramping_ = false;
     bool drives_wanted_ = false;

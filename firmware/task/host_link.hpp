@@ -83,7 +83,7 @@ class HostLink {
     bool take(const hal::ReceivedFrame& received, Message& out);
 
     HostEvents events_;
-    std::array<std::uint32_t, 16> counters_{};
+    std::array<std::uint32_t, protocol::counter_cause_values.size()> counters_{};
     protocol::CommandGuard guard_;
     // A streamed pose waits for the velocities with the same alive counter.
     Pose<double> half_pose_{};

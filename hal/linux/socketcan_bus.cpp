@@ -125,6 +125,7 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
     if (!set_option(socket.get(), SOL_SOCKET, SO_RCVBUFFORCE, options.receive_buffer_bytes)) {
         set_option(socket.get(), SOL_SOCKET, SO_RCVBUF, options.receive_buffer_bytes);
     }
+    set_option(socket.get(), SOL_SOCKET, SO_SNDBUF, options.send_buffer_bytes);
     const bool fd_frames = fd_interface && set_option(socket.get(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, int{1});
 
     sockaddr_can address{};

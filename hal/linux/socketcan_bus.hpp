@@ -31,6 +31,9 @@ struct SocketCanOptions {
     // Bytes of kernel memory for frames that wait; a frame takes about 700 to 900. More than the system's
     // net.core.rmem_max needs CAP_NET_ADMIN; without it we get less, without a word.
     int receive_buffer_bytes = 1 << 20;
+    // The same for frames that wait to be sent. The least that the kernel allows: some six or seven frames.
+    // What waits on a jammed bus is old when it leaves.
+    int send_buffer_bytes = 1;
 };
 
 class SocketCanBus final : public CanBus {

@@ -22,6 +22,10 @@ TEST_GROUP(ChainTrust){};
 namespace {
 
 constexpr std::uint32_t kEncoderEstimates = 0x09;
+constexpr std::uint32_t kSetAxisState = 0x07;
+constexpr std::uint32_t kSetControllerMode = 0x0B;
+constexpr std::uint32_t kSetInputTorque = 0x0E;
+constexpr std::size_t kForeignControl = 16;  // of the value table CounterCause
 
 struct Layout {
     bool separate;     // the host has a bus of its own
@@ -265,4 +269,149 @@ TEST(ChainTrust, a_frozen_encoder_ends_an_identification_inside_its_area) {
         }
     });
     std::printf("  rims %.2f m/s at most, %.2f m away\n", fastest, farthest);
+}
+
+namespace {
+
+hal::CanFrame drive_frame(std::size_t side, std::uint32_t command, std::uint32_t first,
+                          std::uint32_t second = 0) {
+    hal::CanFrame frame = encoder_frame(side, 0, 0);
+    frame.id = (frame.id & ~0x1FU) | command;
+    frame.length = command == kSetAxisState ? 4 : 8;
+    std::memcpy(frame.data.data(), &first, 4);
+    std::memcpy(frame.data.data() + 4, &second, 4);
+    return frame;
+}
+
+std::uint32_t bits_of(float value) {
+    std::uint32_t bits = 0;
+    std::memcpy(&bits, &value, 4);
+    return bits;
+}
+
+}  // namespace
+
+// The drives' bus is full of frames that go first; then it is free again. Torque is zero two cycles after the
+// wire has worked off what waited, or when the drives' watchdogs expire, whichever is first.
+TEST(ChainTrust, a_jam_of_the_drives_bus_leaves_no_old_torque_behind) {
+    double longest_s = 0;
+    for_each_layout([&](const Layout& layout) {
+        for (const double jam_s : {0.008, 0.015, 0.03, 0.045, 0.1}) {
+            for (const bool line : {false, true}) {
+                Scene scene(layout);
+                scene.sim.host().velocity({3 * layout.way, 0});
+                CHECK(enter_mode(scene.sim, Mode::velocity));
+                scene.sim.run_for(0.05);  // at full torque
+                CHECK(scene.true_torque_Nm() > 3);
+                scene.sim.host().external_poses(false);
+                scene.sim.host().silence();  // its frames would hold back the foreign ones behind them
+                hal::CanFrame first;
+                first.length = 8;
+                bool jammed = true;
+                const auto jam = [&] {
+                    for (int i = 0; jammed && i < 16; ++i) scene.foreign(first);
+                };
+                if (line) scene.sim.emergency_stop().set(hal::LineLevel::active);
+                Scene::Worst worst = scene.run(jam_s, jam);
+                const double in_jam_s = worst.last_torque_s;
+                jammed = false;
+                const double left_s =
+                    (16 + 24) * 0.000135;  // foreign frames and the drives' own that still wait
+                worst = scene.run(0.3);
+                const double bound_s = std::min(jam_s + left_s + 0.002,
+                                                chain::real().parameters.drive.watchdog_timeout_s + 0.002) +
+                                       0.001;
+                const double took_s = worst.last_torque_s > 0 ? jam_s + worst.last_torque_s : in_jam_s;
+                longest_s = std::max(longest_s, took_s - jam_s);
+                const bool stopped = scene.fault() != Fault::none;
+                const std::string text = layout.name() + ", jam of " + std::to_string(jam_s) +
+                                         " s: torque for " + std::to_string(took_s) + " s, fault " +
+                                         std::to_string(int(scene.fault()));
+                CHECK_TEXT(stopped, text.c_str());
+                CHECK_TEXT(took_s <= bound_s, text.c_str());
+                CHECK_FALSE(scene.sim.world().left().armed() || scene.sim.world().right().armed());
+            }
+        }
+    });
+    std::printf("  torque until %.1f ms after the jam at most\n", 1e3 * longest_s);
+}
+
+// Somebody else's tool arms a drive and gives it torque, once or in every cycle.
+TEST(ChainTrust, a_drive_that_somebody_else_arms_is_told_to_be_idle_and_named) {
+    for_each_layout([](const Layout& layout) {
+        for (const bool repeats : {false, true}) {
+            for (const bool seen :
+                 {true, false}) {  // the frame that arms; otherwise only the heartbeat tells
+                Scene scene(layout);
+                const float torque = static_cast<float>(0.3 * layout.way);
+                if (seen) {
+                    scene.foreign(drive_frame(layout.side, kSetControllerMode, 1, 1));
+                    scene.foreign(drive_frame(layout.side, kSetInputTorque, bits_of(torque)));
+                    scene.foreign(drive_frame(layout.side, kSetAxisState, 8));
+                } else {
+                    scene.sim.bus().set_receive_latency(0, 200'000'000, 0);
+                    scene.foreign(drive_frame(layout.side, kSetAxisState, 8));
+                    scene.sim.run_for(0.19);
+                    CHECK(scene.sim.world().drive(layout.side).armed() ||
+                          scene.sim.world().drive(layout.side).error_bits() != 0);
+                    scene.sim.bus().set_receive_latency(0, 0, 0);
+                }
+                const Scene::Worst worst = scene.run(1, [&] {
+                    if (repeats) scene.foreign(drive_frame(layout.side, kSetInputTorque, bits_of(torque)));
+                });
+                const std::string text = layout.name() + (seen ? ", seen" : ", not seen") +
+                                         (repeats ? ", in every cycle" : ", once") + ": fastest " +
+                                         std::to_string(worst.rim_m_per_s) + ", fault " +
+                                         std::to_string(int(scene.fault()));
+                CHECK_TEXT(worst.rim_m_per_s < 0.3, text.c_str());
+                if (seen || repeats) CHECK_TEXT(scene.fault() == Fault::foreign_control, text.c_str());
+                CHECK_FALSE_TEXT(scene.sim.world().drive(layout.side).armed(), text.c_str());
+            }
+        }
+    });
+}
+
+TEST(ChainTrust, somebody_elses_torques_stop_the_robot) {
+    for_each_layout([](const Layout& layout) {
+        Scene scene(layout);
+        scene.cruise(0.3 * layout.way);
+        const auto before = scene.sim.cycle().report().counters[kForeignControl];
+        const float torque = static_cast<float>(0.5 * layout.way);
+        const Scene::Worst worst =
+            scene.run(1, [&] { scene.foreign(drive_frame(layout.side, kSetInputTorque, bits_of(torque))); });
+        const std::string text = layout.name() + ": fastest " + std::to_string(worst.rim_m_per_s) +
+                                 ", fault " + std::to_string(int(scene.fault()));
+        CHECK_TEXT(worst.rim_m_per_s < 0.45, text.c_str());
+        CHECK_TEXT(worst.last_torque_s < 0.005, text.c_str());
+        CHECK_TEXT(scene.fault() == Fault::foreign_control, text.c_str());
+        CHECK_TEXT(scene.sim.cycle().report().counters[kForeignControl] > before, text.c_str());
+
+        // Once it is quiet, it clears.
+        scene.sim.host().silence();
+        scene.sim.run_for(2);
+        scene.sim.host().clear_fault();
+        scene.sim.run_for(0.2);
+        scene.cruise(0.3 * layout.way);
+    });
+}
+
+// Whatever the firmware believes of the drives.
+TEST(ChainTrust, a_stop_disarms_a_drive_that_is_believed_idle) {
+    for_each_layout([](const Layout& layout) {
+        Scene scene(layout);
+        scene.sim.bus().add_fault({sim::FaultAction::drop,
+                                   (encoder_frame(layout.side, 0, 0).id & 0x7E0U) | 1U,
+                                   0x7FF});  // no heartbeats for a while
+        scene.foreign(drive_frame(layout.side, kSetControllerMode, 1, 1));
+        scene.sim.bus().set_down(0, true);
+        scene.sim.run_for(0.001);
+        scene.foreign(drive_frame(layout.side, kSetAxisState, 8));
+        scene.sim.run_for(0.01);
+        scene.sim.bus().set_down(0, false);
+        CHECK(scene.sim.world().drive(layout.side).armed());
+        scene.sim.host().emergency_stop();
+        scene.sim.run_for(0.004);
+        CHECK_FALSE_TEXT(scene.sim.world().drive(layout.side).armed(), layout.name().c_str());
+        CHECK(scene.fault() == Fault::emergency_stop_message);
+    });
 }
