@@ -377,7 +377,8 @@ void OdriveDrive::take_requests(FrameSink& out) {
             clearing_ = true;
             cleared_ns_ = now_ns_;
         }
-        return;  // stopping wins over arming
+        arm_requested_ = arm && !disarm;  // stopping wins over arming, clearing comes before it
+        return;
     }
     if (!arm || phase_ != Phase::resting) return;
     refusal_ = ArmRefusal::none;

@@ -99,7 +99,8 @@ struct EntryRule {
     Blocker otherwise;
 };
 
-// Checked when a mode is asked for; all must hold or the request is rejected and nothing changes.
+// Checked when a mode is asked for: all must hold or the request is rejected and nothing changes. And again
+// when it is entered after arming.
 inline constexpr std::array kEntryRules{
     EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
     EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},

@@ -164,12 +164,25 @@ bool Cycle::stale(std::int64_t time_ns, double limit_s) const {
     return time_ns == 0 || 1e-9 * static_cast<double>(time_.scheduled_ns - time_ns) > limit_s;
 }
 
+template <typename Setpoint>
+bool Cycle::late(const Setpoint& setpoint, std::uint16_t cycle_time_ms) const {
+    return setpoint.received &&
+           stale(setpoint.time_ns, 1e-3 * cycle_time_ms * parameters_.safety.stale_command_cycles);
+}
+
+// Between driving modes: what has stopped coming does not act in the next mode, not for one cycle.
+void Cycle::forget_late_setpoints() {
+    const auto forget = [this](auto& setpoint, std::uint16_t cycle_time_ms) {
+        if (late(setpoint, cycle_time_ms)) setpoint.received = false;
+    };
+    forget(host_.torque_Nm, protocol::TorqueCommand::cycle_time_ms);
+    forget(host_.velocity, protocol::VelocityCommand::cycle_time_ms);
+    forget(host_.goal, protocol::PoseGoal::cycle_time_ms);
+    forget(host_.streamed, protocol::StreamedPose::cycle_time_ms);
+}
+
 // A set-point that has begun to come must go on coming.
 bool Cycle::setpoint_stale() const {
-    const auto late = [this](const auto& setpoint, std::uint16_t cycle_time_ms) {
-        return setpoint.received &&
-               stale(setpoint.time_ns, 1e-3 * cycle_time_ms * parameters_.safety.stale_command_cycles);
-    };
     switch (supervisor_.mode()) {
         case Mode::torque:
             return late(host_.torque_Nm, protocol::TorqueCommand::cycle_time_ms);
@@ -278,7 +291,9 @@ void Cycle::obey() {
     if (events.ident) ident_settings_ = *events.ident;
     const bool on_path = supervisor_.mode() == Mode::trajectory || supervisor_.mode() == Mode::adaptive;
     if (events.trajectory && !on_path) control_.select_trajectory(*events.trajectory);
-    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none &&
+    const Mode before_requests = supervisor_.mode();
+    const bool to_clear = before_requests == Mode::fault || conditions_.drive_error;
+    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none && to_clear &&
         !supervisor_.wants_armed()) {
         ports_.left.request_clear_errors();
         ports_.right.request_clear_errors();
@@ -309,7 +324,11 @@ void Cycle::obey() {
 
     const MotionInputs now = motion_inputs();
     if (supervisor_.entered()) {
-        if (supervisor_.mode() != before) host_.forget_setpoints();
+        if (supervisor_.mode() != before) {
+            host_.forget_setpoints();
+        } else if (supervisor_.mode() != before_requests) {
+            forget_late_setpoints();
+        }
         control_.enter(supervisor_.mode(), now);
         if (supervisor_.mode() == Mode::ident) {
             learning_.start_identification(parameters_, ident_settings_, now);
@@ -370,7 +389,8 @@ void Cycle::serve_parameters() {
                 reply.result = service_.stage(request.index, static_cast<double>(request.value));
                 break;
             case protocol::ParameterOperation::commit:
-                reply.result = service_.commit(supervisor_.mode() == Mode::idle);
+                reply.result =
+                    service_.commit(supervisor_.mode() == Mode::idle && !supervisor_.wants_armed());
                 break;
             case protocol::ParameterOperation::discard:
                 reply.result = service_.discard();

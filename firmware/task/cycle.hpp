@@ -112,7 +112,10 @@ class Cycle {
     void configure();
     void finish_identification();
     [[gnu::noinline]] void use_rough_model();
+    template <typename Setpoint>
+    bool late(const Setpoint& setpoint, std::uint16_t cycle_time_ms) const;
     bool setpoint_stale() const;
+    void forget_late_setpoints();
     bool stale(std::int64_t time_ns, double limit_s) const;
     MotionInputs motion_inputs() const;
     [[gnu::noinline]] WheelPair<double> identify(const MotionInputs& now);

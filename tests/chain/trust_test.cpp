@@ -415,3 +415,137 @@ TEST(ChainTrust, a_stop_disarms_a_drive_that_is_believed_idle) {
         CHECK(scene.fault() == Fault::emergency_stop_message);
     });
 }
+
+TEST(ChainTrust, clearing_outside_a_fault_changes_nothing) {
+    for (const bool separate : {false, true}) {
+        for (const double at_s : {0.0, 0.002, 0.005, 0.01, 0.02, 0.05, 0.3}) {
+            Scene scene({separate, 0, 1});
+            scene.sim.host().velocity({0.3, 0});
+            scene.sim.host().mode(Mode::velocity);
+            if (at_s == 0) scene.sim.host().clear_fault();  // in the same cycle
+            scene.sim.run_for(at_s);
+            scene.sim.host().clear_fault();
+            scene.sim.run_for(0.5);
+            const std::string text = "cleared after " + std::to_string(at_s) + " s";
+            CHECK_TEXT(scene.sim.cycle().supervisor().mode() == Mode::velocity, text.c_str());
+            CHECK_TEXT(std::abs(scene.true_speed() - 0.3) < 0.02, text.c_str());
+        }
+    }
+}
+
+TEST(ChainTrust, a_configured_ramp_brakes_on_a_stop_message_and_on_a_second_one) {
+    for_each_layout([](const Layout& layout) {
+        for (const bool line : {false, true}) {
+            model::RobotParameters believed = chain::identified();
+            believed.safety.emergency_stop_reaction = model::StopReaction::ramp;
+            Scene scene(layout, 34, believed);
+            scene.cruise(layout.way);
+            if (line) {
+                scene.sim.emergency_stop().set(hal::LineLevel::active);
+            } else {
+                scene.sim.host().emergency_stop();
+                scene.sim.run_for(0.01);
+                scene.sim.host().emergency_stop();
+            }
+            scene.sim.run_for(0.25);
+            const std::string text = layout.name() + (line ? ", line: " : ", message: ") +
+                                     std::to_string(scene.true_speed()) + " m/s after 0.25 s";
+            CHECK_TEXT(std::abs(scene.true_speed()) < 0.06, text.c_str());
+            scene.sim.run_for(0.5);
+            CHECK_TEXT(scene.true_torque_Nm() == 0, text.c_str());
+            CHECK_TEXT(scene.fault() == (line ? Fault::emergency_stop_line : Fault::emergency_stop_message),
+                       text.c_str());
+        }
+    });
+}
+
+TEST(ChainTrust, a_stop_during_another_fault_or_beside_another_request_is_remembered) {
+    for (const bool separate : {false, true}) {
+        Scene late({separate, 0, 1});
+        late.cruise(0.5);
+        late.sim.host().silence();
+        CHECK(late.sim.run_until([&] { return late.fault() == Fault::stale_command; }, 0.2));
+        late.sim.host().emergency_stop();
+        late.sim.run_for(0.005);
+        CHECK(late.fault() == Fault::emergency_stop_message);
+
+        for (const Mode beside : {Mode::idle, Mode::velocity, Mode::torque, Mode::pose, Mode::ident}) {
+            for (const bool clears : {false, true}) {
+                for (const double at_s : {0.0, 0.02, 0.5}) {
+                    Scene scene({separate, 1, 1});
+                    scene.sim.host().velocity({0.5, 0});
+                    if (at_s > 0) scene.sim.host().mode(Mode::velocity);
+                    scene.sim.run_for(at_s);
+                    scene.sim.host().emergency_stop();
+                    scene.sim.host().mode(beside);
+                    if (clears) scene.sim.host().clear_fault();
+                    scene.sim.run_for(0.005);
+                    CHECK(scene.fault() == Fault::emergency_stop_message);
+                    CHECK_EQUAL(0, scene.true_torque_Nm());
+                }
+            }
+        }
+    }
+}
+
+// An old set-point of the mode that is entered is as if it had never come.
+TEST(ChainTrust, a_set_point_from_long_ago_does_not_act_after_a_switch_of_modes) {
+    for_each_layout([](const Layout& layout) {
+        Scene scene(layout);
+        scene.cruise(0.2 * layout.way);
+        scene.sim.host().torque({4 * layout.way, 4 * layout.way});  // unused
+        scene.sim.run_for(0.003);
+        scene.cruise(0.2 * layout.way);
+        scene.sim.host().mode(Mode::torque);
+        const Scene::Worst worst = scene.run(0.1);
+        CHECK_TEXT(worst.rim_m_per_s < 0.22, layout.name().c_str());
+        CHECK_TEXT(worst.torque_Nm < 2,
+                   (layout.name() + ": " + std::to_string(worst.torque_Nm) + " Nm").c_str());
+    });
+}
+
+// What is committed while the drives are being armed must not slip past the entry rules.
+TEST(ChainTrust, a_commit_while_arming_does_not_pass_the_entry_rules) {
+    for (const bool separate : {false, true}) {
+        for (const double at_s : {0.001, 0.01, 0.03}) {
+            Scene scene({separate, 0, 1});
+            const std::uint16_t k7 = model::find_parameter("dynamics_standard_error.k7_per_kg_m")->index;
+            scene.sim.host().mode(Mode::adaptive);
+            scene.sim.run_for(at_s);
+            CHECK(scene.sim.cycle().supervisor().mode() == Mode::idle);
+            scene.sim.host().parameter(protocol::ParameterOperation::write, k7, 0);
+            scene.sim.host().parameter(protocol::ParameterOperation::commit, 0);
+            scene.sim.run_for(1);
+            const bool entered = scene.sim.cycle().supervisor().mode() == Mode::adaptive;
+            const bool trusted = scene.sim.parameters().dynamics_standard_error.k7_per_kg_m > 0;
+            CHECK(trusted || !entered);
+        }
+    }
+}
+
+TEST(ChainTrust, a_trajectory_command_during_a_trajectory_changes_nothing) {
+    for (const Mode mode : {Mode::trajectory, Mode::adaptive}) {
+        for (const double at_s : {0.1, 0.5, 2.0}) {
+            Scene::Worst worst[2];
+            double speed[2];
+            for (const bool sends : {false, true}) {
+                Scene scene({true, 0, 1});  // where a frame of the host delays no other
+                protocol::TrajectoryCommand command;
+                command.shape = protocol::TrajectoryShape::circle;
+                scene.sim.host().trajectory(command);
+                scene.sim.run_for(0.2);
+                CHECK(enter_mode(scene.sim, mode));
+                scene.sim.run_for(at_s);
+                protocol::TrajectoryCommand other;
+                other.shape = protocol::TrajectoryShape::spin;
+                if (sends) scene.sim.host().trajectory(other);
+                worst[sends] = scene.run(1);
+                speed[sends] = scene.true_speed();
+            }
+            const std::string text = std::to_string(at_s) + " s: " + std::to_string(worst[1].torque_Nm) +
+                                     " Nm instead of " + std::to_string(worst[0].torque_Nm);
+            CHECK_TEXT(std::abs(worst[1].torque_Nm - worst[0].torque_Nm) < 0.05, text.c_str());
+            CHECK_TEXT(std::abs(speed[1] - speed[0]) < 1e-3, text.c_str());
+        }
+    }
+}
