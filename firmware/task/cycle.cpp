@@ -135,7 +135,11 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
         meter.count(received.frame);
         if (received.frame.error) continue;
         if (from_drives && (ports_.left.accept(received) || ports_.right.accept(received))) continue;
-        if (from_host) host_.accept(received);
+        if (from_host) {
+            host_.accept(received);
+        } else {
+            host_.accept_stop(received.frame);
+        }
     }
 }
 

@@ -61,6 +61,9 @@ class HostLink {
     // Offers one received frame; true when its identifier is one of the firmware's commands.
     bool accept(const hal::ReceivedFrame& received);
 
+    // A stop, from wherever it comes; true when the frame is one.
+    bool accept_stop(const hal::CanFrame& frame);
+
     // Forgets the events of the cycle before.
     void begin_cycle() { events_ = {}; }
 

@@ -73,10 +73,12 @@ class SocketCanBus final : public CanBus {
 
     bool take_waiting();
     std::int64_t to_monotonic_ns(std::int64_t stamp_realtime_ns);
+    void note_down();
     void note_error_class(std::uint32_t error_class);
 
     int socket_;
     bool fd_frames_ = false;
+    std::int64_t down_since_ns_ = 0;
     bool down_ = false;
     bool bus_off_ = false;
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
