@@ -549,3 +549,75 @@ TEST(ChainTrust, a_trajectory_command_during_a_trajectory_changes_nothing) {
         }
     }
 }
+
+TEST(ChainTrust, a_stop_counts_on_the_drives_bus_as_well) {
+    for_each_layout([](const Layout& layout) {
+        Scene scene(layout);
+        scene.cruise(0.5 * layout.way);
+        hal::CanFrame stop;
+        stop.id = protocol::EmergencyStop::id;
+        scene.foreign(stop);
+        scene.sim.run_for(0.004);
+        CHECK_TEXT(scene.fault() == Fault::emergency_stop_message, layout.name().c_str());
+        CHECK_EQUAL(0, scene.true_torque_Nm());
+    });
+}
+
+TEST(ChainTrust, the_drives_bus_may_be_down_for_a_while_in_idle) {
+    for_each_layout([](const Layout& layout) {
+        Scene scene(layout);
+        scene.sim.bus().set_down(0, true);
+        scene.sim.run_for(0.5);
+        scene.sim.bus().set_down(0, false);
+        scene.sim.run_for(0.5);
+        scene.cruise(0.3 * layout.way);
+    });
+}
+
+// The guard forgets a counter after a while; a set-point must be late before one and the same frame counts
+// as new.
+TEST(ChainTrust, a_frame_that_is_repeated_for_ever_is_late_before_it_counts_again) {
+    const double most = model::find_parameter("safety.stale_command_cycles")->maximum;
+    for (const auto cycle_time_ms :
+         {protocol::TorqueCommand::cycle_time_ms, protocol::VelocityCommand::cycle_time_ms,
+          protocol::PoseGoal::cycle_time_ms, protocol::StreamedPose::cycle_time_ms}) {
+        CHECK(1e6 * cycle_time_ms * most < double(protocol::alive_window_ns));
+    }
+}
+
+// As a robot file would be refused.
+TEST(ChainTrust, a_commit_that_contradicts_the_rest_is_refused) {
+    Scene scene({true, 0, 1});
+    const auto set = [&](std::string_view key, float value) {
+        scene.sim.host().parameter(protocol::ParameterOperation::write, model::find_parameter(key)->index,
+                                   value);
+    };
+    const auto commit = [&] {
+        scene.sim.host().parameter(protocol::ParameterOperation::commit, 0);
+        scene.sim.run_for(0.005);
+    };
+    model::RobotParameters& live = scene.sim.parameters();
+    struct Case {
+        std::string_view key;
+        float value;
+        bool good;
+    };
+    for (const Case& one :
+         {Case{"limits.speed_m_per_s", 5, false}, Case{"limits.speed_m_per_s", 3, true},
+          Case{"limits.yaw_rate_rad_per_s", 20, false}, Case{"ident.speed_limit_m_per_s", 4, false},
+          Case{"ident.yaw_rate_limit_rad_per_s", 15, false}, Case{"ident.speed_limit_m_per_s", 0, true}}) {
+        scene.sim.host().parameter(protocol::ParameterOperation::discard, 0);
+        set(one.key, one.value);
+        commit();
+        const bool taken = std::abs(model::find_parameter(one.key)->get(live) - double(one.value)) < 1e-6;
+        CHECK_EQUAL_TEXT(one.good, taken, std::string(one.key).c_str());
+    }
+    scene.sim.host().parameter(protocol::ParameterOperation::discard, 0);
+    set("pose_control.stop_radius_m", 0.02F);
+    set("pose_control.rearm_radius_m", 0.01F);
+    commit();
+    CHECK(live.pose_control.stop_radius_m != 0.02F);
+    set("pose_control.rearm_radius_m", 0.03F);
+    commit();
+    CHECK(std::abs(live.pose_control.rearm_radius_m - 0.03) < 1e-6);
+}
