@@ -139,10 +139,11 @@ class EncoderWatch {
         }
         wheel.angle_rad = angle_rad;
         wheel.torque_Nm = torque_Nm;
-        wheel.told_ns = told_ns;
-        wheel.frames = -1;
-        wheel.speed = wheel.unseen_rad = 0;
-        wheel.pushed_cycles = 0;
+        if (wheel.frames >= 0) {
+            wheel.frames = -1;
+            wheel.speed = wheel.unseen_rad = 0;
+            wheel.pushed_cycles = 0;
+        }
         if (++wheel.history_age >= kHistoryCycles) {
             wheel.speed_before = wheel.speed_lately;
             wheel.speed_lately = speed_rad_per_s;
