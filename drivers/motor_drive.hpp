@@ -42,6 +42,7 @@ enum class DriveFault : std::uint8_t {
     error,          // reports error bits
     left_armed,     // ended the armed state by itself, with no error to show
     disarm_failed,  // stays armed although it was told to go idle
+    armed_unasked,  // is armed, and not by this driver
 };
 
 // Monotonic counters.
@@ -49,7 +50,8 @@ struct DriveCounters {
     std::uint32_t wrong_length = 0;        // received frames too short or too long
     std::uint32_t not_finite = 0;          // received frames with a NaN or infinite number
     std::uint32_t command_not_finite = 0;  // torques asked for that were no numbers
-    std::uint32_t foreign_commands = 0;    // somebody else on the bus commands this drive
+    std::uint32_t foreign_commands = 0;    // somebody else on the bus speaks to this drive,
+    std::uint32_t foreign_control = 0;     // and so that it may move: arms it, or gives it set-points
 };
 
 // A frame that the drive and this driver exchange in every period, as the bus-load computation needs it.
@@ -101,6 +103,10 @@ class MotorDrive {
     // Commands wheel torque; pushes one frame. Ignored (nothing pushed) unless armed: while arming, update()
     // itself sends zero torque. A torque that is no finite number is sent as zero and counted.
     virtual void command_torque(double torque_Nm, FrameSink& out) = 0;
+
+    // The bus did not take a frame that this driver has pushed in this cycle. True: it was one of this
+    // drive's. What must arrive is pushed again by the next update().
+    virtual bool refused(const hal::CanFrame& frame) = 0;
 
     // Wheel torque delivered per wheel torque the drive believes in, as calibrated; > 0.
     virtual void set_torque_scale(double scale) = 0;
@@ -166,6 +172,8 @@ constexpr std::string_view to_string_view(DriveFault fault) {
             return "left_armed";
         case DriveFault::disarm_failed:
             return "disarm_failed";
+        case DriveFault::armed_unasked:
+            return "armed_unasked";
     }
     return "unknown";
 }

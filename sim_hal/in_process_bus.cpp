@@ -70,7 +70,7 @@ hal::CanStatus InProcessBus::Endpoint::send(const hal::CanFrame& frame) {
         status = hal::CanStatus::bus_down;
     } else if (!hal::is_sendable(frame, bus_->fd_)) {
         status = hal::CanStatus::invalid;
-    } else if (transmit_count_ == bus_->transmit_capacity_) {
+    } else if (transmit_count_ >= transmit_limit_) {
         status = hal::CanStatus::would_block;
     }
     if (status != hal::CanStatus::ok) {
@@ -223,6 +223,7 @@ InProcessBus::InProcessBus(const hal::Clock& clock, std::size_t endpoint_count,
         endpoint.latency_ns_ = std::max<std::int64_t>(options.receive_latency_ns, 0);
         endpoint.jitter_ns_ = std::clamp<std::int64_t>(options.receive_jitter_ns, 0, max_jitter_ns);
         endpoint.transmit_.resize(transmit_mask_ + 1);
+        endpoint.transmit_limit_ = transmit_capacity_;
         endpoint.receive_.resize(receive_mask_ + 1);
         active_ |= endpoint.bit_;
     }
@@ -488,6 +489,10 @@ void InProcessBus::recover(std::size_t index) {
 void InProcessBus::inject_error_frame(std::uint32_t error_class) {
     catch_up();
     deliver_error(active_, error_class, now_ns_);
+}
+
+void InProcessBus::limit_transmit_queue(std::size_t index, std::size_t frames) {
+    endpoints_[index].transmit_limit_ = bounded(frames, 1, transmit_capacity_);
 }
 
 void InProcessBus::set_receive_latency(std::size_t index, std::int64_t latency_ns, std::int64_t jitter_ns) {

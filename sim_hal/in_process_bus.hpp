@@ -138,6 +138,7 @@ class InProcessBus {
         std::vector<hal::CanFrame> transmit_;
         std::size_t transmit_first_ = 0;
         std::size_t transmit_count_ = 0;
+        std::size_t transmit_limit_ = 0;
         std::vector<Waiting> receive_;
         std::size_t receive_first_ = 0;
         std::size_t receive_count_ = 0;
@@ -204,6 +205,9 @@ class InProcessBus {
 
     // Every endpoint that is up receives an error frame of this class now.
     void inject_error_frame(std::uint32_t error_class);
+
+    // How many frames the endpoint's queue takes from now on, up to the bus's transmit_capacity.
+    void limit_transmit_queue(std::size_t endpoint, std::size_t frames);
 
     // Changes the endpoint's latency from now on.
     void set_receive_latency(std::size_t endpoint, std::int64_t latency_ns, std::int64_t jitter_ns);

@@ -303,6 +303,11 @@ void SimOdrive::reverse_encoder() {
     last_speed_ = -last_speed_;
 }
 
+void SimOdrive::zero_position() {
+    origin_counts_ = last_counts_;
+    position_estimate_ = 0;
+}
+
 // The eight readings since the last millisecond. The wheel's path between the two known ends is the cubic
 // with the right speeds there: wrong by less than 1e-5 rad even across a torque step, a tenth of a count.
 void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_s) {

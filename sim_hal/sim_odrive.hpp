@@ -109,6 +109,7 @@ class SimOdrive {
     void raise_error(std::uint32_t bits);     // as if the drive had found it itself
     void drop_out() { leave_closed_loop(); }  // ends closed loop without any error
     void reverse_encoder();  // counts the other way from where it is; the torque's direction stays
+    void zero_position();    // as Set_Linear_Count and Set_Absolute_Position do
     void clear_errors();     // as the frame does; 0.5 boards clear both axes
 
     const SimOdriveConfig& config() const { return config_; }

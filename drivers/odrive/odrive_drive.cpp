@@ -22,6 +22,8 @@ constexpr std::int64_t kSettle_ns = 5'000'000;
 constexpr std::int64_t kAskAgain_ns = 20'000'000;
 constexpr std::int64_t kIdleAgain_ns = 50'000'000;
 
+constexpr std::uint32_t kSetInputPosition = 0x0C;  // never sent by this driver
+
 struct ErrorName {
     std::uint32_t bit;
     std::string_view name;
@@ -236,16 +238,35 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         }
         case gen6::SetAxisState::command:
         case gen6::SetControllerMode::command:
+        case kSetInputPosition:
         case gen6::SetInputVel::command:
         case gen6::SetInputTorque::command:
         case gen6::SetLimits::command:
         case gen6::ClearErrors::command:
-            ++counters_.foreign_commands;
+            take_foreign(frame);
             break;
         default:
             break;
     }
     return true;
+}
+
+void OdriveDrive::take_foreign(const hal::CanFrame& frame) {
+    ++counters_.foreign_commands;
+    switch (frame.id & 0x1FU) {
+        case gen6::SetAxisState::command:
+            if (frame.length >= 1 && frame.data[0] == static_cast<std::uint8_t>(kIdle)) break;
+            ++counters_.foreign_control;
+            break;
+        case gen6::SetControllerMode::command:
+        case kSetInputPosition:
+        case gen6::SetInputVel::command:
+        case gen6::SetInputTorque::command:
+            ++counters_.foreign_control;
+            break;
+        default:
+            break;
+    }
 }
 
 // What the other generation's heartbeats have and the configured one's cannot have. Not every heartbeat
@@ -309,6 +330,10 @@ void OdriveDrive::judge_heartbeat(std::int64_t time_ns) {
         clearing_ = false;
         if (!has_idle_error()) fault_ = DriveFault::none;
     }
+    if (!to_idle_ && axis_state_ == kClosedLoop) {
+        ++counters_.foreign_control;
+        fail(DriveFault::armed_unasked);
+    }
 }
 
 // --- the cycle
@@ -352,7 +377,8 @@ void OdriveDrive::take_requests(FrameSink& out) {
             clearing_ = true;
             cleared_ns_ = now_ns_;
         }
-        return;  // stopping wins over arming
+        arm_requested_ = arm && !disarm;  // stopping wins over arming, clearing comes before it
+        return;
     }
     if (!arm || phase_ != Phase::resting) return;
     refusal_ = ArmRefusal::none;
@@ -465,6 +491,19 @@ void OdriveDrive::run_to_idle(FrameSink& out) {
     }
     if (now_ns_ - idle_sent_ns_ > kIdleAgain_ns && feedback_.heartbeat_time_ns > idle_sent_ns_)
         send_idle(out);
+}
+
+bool OdriveDrive::refused(const hal::CanFrame& frame) {
+    if (frame.id >> 5U != config_.node) return false;
+    if (phase_ == Phase::arming) {
+        step_sent_ = false;
+    } else if (phase_ == Phase::resting && (frame.id & 0x1FU) == gen6::SetAxisState::command) {
+        to_idle_ = true;
+        idle_sent_ = false;
+    } else if ((frame.id & 0x1FU) == gen6::ClearErrors::command) {
+        clear_requested_ = true;
+    }
+    return true;
 }
 
 void OdriveDrive::command_torque(double torque_Nm, FrameSink& out) {

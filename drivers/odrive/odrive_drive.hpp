@@ -20,6 +20,9 @@
 // idle, until it says it is. An idle axis whose only error is the expired watchdog counts as idle: so looks a
 // 0.5 drive whose watchdog is on and that nobody feeds, and one of 0.6 whose computer has died.
 //
+// An axis that is in closed loop although this driver has not asked for it is a fault, and told to go idle.
+// So is somebody else's set-point, or request for another state than idle: counted as foreign_control.
+//
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
 //
 // Positions are floats in revolutions: after a thousand motor turns they step by 6e-5 turns.
@@ -70,6 +73,7 @@ class OdriveDrive final : public MotorDrive {
     void request_clear_errors() override { clear_requested_ = true; }
     void command_torque(double torque_Nm, FrameSink& out) override;
     void set_torque_scale(double scale) override;
+    bool refused(const hal::CanFrame& frame) override;
 
     DriveState state() const override;
     DriveFault fault() const override;
@@ -113,6 +117,7 @@ class OdriveDrive final : public MotorDrive {
     void send_closed_loop(FrameSink& out);
     void send_motor_torque(double motor_torque_Nm, FrameSink& out);
 
+    void take_foreign(const hal::CanFrame& frame);
     void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
     bool is_of_other_generation(const hal::CanFrame& heartbeat) const;
     void note_errors();

@@ -14,7 +14,11 @@
 // differ and drift. Time stamps are smoothed, for a drive samples on its own regular clock, and frames
 // arrive irregularly (arbitration).
 //
-// One thread; no allocation. update(): about 550 instructions.
+// A drive may tell nonsense for one frame, or count anew from another origin. A sample that lies further from
+// the one before than a wheel can have gone is not taken; four in a row that agree with each other are taken,
+// and the angle goes on from where it was. A state that is no number begins anew with the next sample.
+//
+// One thread; no allocation. update(): about 570 instructions.
 #pragma once
 
 #include <algorithm>
@@ -60,6 +64,9 @@ ObserverGains<Real> observer_gains(Real bandwidth_rad_per_s, Real period_s) {
     return {g, h / period_s, k / (period_s * period_s), 1 - s};
 }
 
+// No encoder tells fewer places of a wheel's turn: the Hall sensors of a wheel motor tell 90.
+inline constexpr double kCoarsestStep_rad = 6.283185307179586 / 64;
+
 template <typename Real>
 struct WheelObserverSettings {
     Real cycle_s{};
@@ -68,6 +75,9 @@ struct WheelObserverSettings {
     Real actuation_delay_s{};  // from a cycle's start to the centroid of its torque; at most 21 cycles
     Real calm_acceleration_rad_per_s2{};  // of a wheel, > 0
     Real restart_after_s = Real(0.02);    // a gap in the samples after which the filter starts anew
+    Real fastest_rad_per_s{};             // of a wheel at the speeds that are faults
+    Real coarsest_step_rad =
+        Real(kCoarsestStep_rad);  // by which an angle may leap, for its encoder is coarse
 };
 
 template <typename Real>
@@ -112,6 +122,7 @@ class WheelObserver {
         const bool had = valid();
         take(wheels_[0], left, now_ns, predicted.left);
         take(wheels_[1], right, now_ns, predicted.right);
+        for (Wheel& wheel : wheels_) wheel.begin_anew_unless_finite();
         turned_ = had ? WheelPair<Real>{wheels_[0].angle - before.left, wheels_[1].angle - before.right}
                       : WheelPair<Real>{};
         for (Wheel& wheel : wheels_) wheel.rebase();
@@ -176,7 +187,14 @@ class WheelObserver {
         std::array<Sample, kSampleMemory> samples;
         std::size_t newest = 0;
         std::size_t count = 0;
+        Sample taken;    // the newest that was, with the drive's origin
+        Sample refused;  // the newest that was not
+        Real refused_slope{};
+        int refused_alike = 0;  // in a row
+        int trusted = 0;        // samples, up to kSampleMemory: the origin is the wheel's own
+        double origin = 0;      // added to what the drive says
         bool heard = false;
+        bool lost = false;   // begins anew with the next sample
         bool stuck = false;  // by dry friction, as predicted
 
         void advance(Real acceleration, Real dt) {
@@ -187,6 +205,12 @@ class WheelObserver {
         void rebase() {
             base += double(angle);
             angle = 0;
+        }
+
+        void begin_anew_unless_finite() {
+            if (std::isfinite(angle) && std::isfinite(speed) && std::isfinite(error)) return;
+            angle = speed = error = 0;
+            lost = true;
         }
 
         bool angle_at(std::int64_t instant_ns, double& out) const {
@@ -263,24 +287,74 @@ class WheelObserver {
         return a;
     }
 
+    // The farthest that a wheel can be from where it was expected after this time.
+    Real reach(Real dt) const { return settings_.fastest_rad_per_s * dt + settings_.coarsest_step_rad; }
+
+    // Whether a sample is one of this wheel's angle. After some that agree with each other but not with what
+    // was before, the origin moves so that the angle goes on.
+    bool trust(Wheel& wheel, const EncoderSample& sample) {
+        const Real dt = seconds(sample.time_ns - wheel.taken.time_ns);
+        const Real gone = Real(sample.position_rad - wheel.taken.position);
+        if (!wheel.heard || std::abs(gone - wheel.speed * dt) <= reach(dt)) {
+            wheel.trusted += wheel.trusted < int(kSampleMemory);
+            wheel.refused_alike = 0;
+            wheel.taken = {sample.time_ns, sample.position_rad};
+            return true;
+        }
+        return trust_new_origin(wheel, sample, dt);
+    }
+
+    [[gnu::noinline]] bool trust_new_origin(Wheel& wheel, const EncoderSample& sample, Real since_taken) {
+        constexpr int kAlike = 3;  // two slopes that agree
+        if (sample.time_ns <= wheel.refused.time_ns) return false;
+        const Real dt = seconds(sample.time_ns - wheel.refused.time_ns);
+        const Real slope = Real(sample.position_rad - wheel.refused.position) / dt;
+        const bool first = wheel.refused_alike == 0;
+        const bool second = wheel.refused_alike == 1;
+        const bool alike =
+            second ? std::isfinite(slope) : std::abs(slope - wheel.refused_slope) * dt <= reach(dt);
+        wheel.refused_alike = first || !alike ? 1 : wheel.refused_alike + 1;
+        wheel.refused = {sample.time_ns, sample.position_rad};
+        wheel.refused_slope = slope;
+        if (wheel.refused_alike <= kAlike) return false;
+        // A wheel that is faster than the filter thinks: begin anew with its speed.
+        if (!(std::abs(slope - wheel.speed) * dt <= reach(dt))) {
+            wheel.speed = slope;
+            wheel.error = 0;
+        }
+        if (wheel.trusted < int(kSampleMemory)) {  // the first ones were the strange ones
+            wheel.origin = 0;
+            wheel.base = sample.position_rad - double(wheel.angle);
+            wheel.count = 0;
+        } else {
+            wheel.origin += wheel.taken.position + double(wheel.speed * since_taken) - sample.position_rad;
+        }
+        wheel.refused_alike = 0;
+        wheel.taken = {sample.time_ns, sample.position_rad};
+        return true;
+    }
+
     void take(Wheel& wheel, const EncoderSample& sample, std::int64_t now_ns, Real acceleration) {
-        if (sample.time_ns == 0 || sample.time_ns <= wheel.heard_ns) return;
-        const bool restart =
-            !wheel.heard || seconds(sample.time_ns - wheel.heard_ns) > settings_.restart_after_s;
+        if (sample.time_ns == 0 || sample.time_ns <= wheel.heard_ns || !trust(wheel, sample)) return;
+        const double position_rad = sample.position_rad + wheel.origin;
+        const bool restart = !wheel.heard || wheel.lost ||
+                             seconds(sample.time_ns - wheel.heard_ns) > settings_.restart_after_s;
         smooth_time(wheel, sample.time_ns, restart);
         wheel.newest = (wheel.newest + 1) % kSampleMemory;
-        wheel.samples[wheel.newest] = {wheel.smoothed_ns, sample.position_rad};
+        wheel.samples[wheel.newest] = {wheel.smoothed_ns, position_rad};
         const Real age = seconds(now_ns - wheel.smoothed_ns);
         wheel.count = std::min(wheel.count + 1, kSampleMemory);
         if (restart) {
             wheel.heard = true;
-            wheel.speed = Real(sample.speed_rad_per_s);
+            wheel.lost = false;
+            const Real speed = Real(sample.speed_rad_per_s);
+            wheel.speed = std::abs(speed) <= 2 * settings_.fastest_rad_per_s ? speed : Real(0);
             wheel.error = 0;
-            wheel.angle = Real(sample.position_rad - wheel.base) + wheel.speed * age;
+            wheel.angle = Real(position_rad - wheel.base) + wheel.speed * age;
             return;
         }
         const Real then = wheel.angle - age * (wheel.speed - acceleration * age / 2);
-        const Real innovation = Real(sample.position_rad - wheel.base) - then;
+        const Real innovation = Real(position_rad - wheel.base) - then;
         wheel.angle += gains_.angle * innovation;
         wheel.speed += gains_.speed_per_s * innovation;
         // A wheel that friction holds tells nothing of the error, and most of one is friction's own: it turns
@@ -340,6 +414,14 @@ class WheelObserver {
     model::Motion<Real> motion_;
 };
 
+// Of a wheel where speed and yaw rate both are at the limits that are faults.
+inline double fastest_wheel_rad_per_s(const model::RobotParameters& from) {
+    const auto& radius = from.geometry.wheel_radius_m;
+    return (from.safety.over_speed_m_per_s +
+            from.safety.over_yaw_rate_rad_per_s * from.geometry.track_m / 2) /
+           std::min(radius.left, radius.right);
+}
+
 template <typename Real>
 WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters& from, Real cycle_s) {
     WheelObserverSettings<Real> to;
@@ -347,6 +429,7 @@ WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters
     to.encoder_period_s = Real(from.drive.encoder_period_ms) / 1000;
     to.bandwidth_rad_per_s = Real(velocity_loop_speed(from, double(cycle_s)).observer_bandwidth_rad_per_s);
     to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s + model::effects_delay_s(from.effects));
+    to.fastest_rad_per_s = Real(fastest_wheel_rad_per_s(from));
     // a tenth of what the torque limit can give
     to.calm_acceleration_rad_per_s2 =
         Real(0.1 * 2 * from.limits.torque_Nm * from.dynamics.k7_per_kg_m / from.geometry.mean_radius_m());

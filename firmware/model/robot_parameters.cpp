@@ -73,7 +73,7 @@ const std::array kTable{
     WW_INTEGER(0x0055, overrun_fault.per_second, "", 10, 1, 1000, start, "missed cycles within a second that are a fault"),
 
     WW_REAL(0x0060, safety.stale_feedback_s, "s", 0.01, 0.002, 1.0, start, "encoder feedback older than this is a fault"),
-    WW_REAL(0x0061, safety.stale_command_cycles, "", 3.0, 1.0, 50.0, start, "a set-point not repeated for this many of its cycle times stops the robot"),
+    WW_REAL(0x0061, safety.stale_command_cycles, "", 3.0, 1.0, 4.9, start, "a set-point not repeated for this many of its cycle times stops the robot"),
     WW_REAL(0x0062, safety.over_speed_m_per_s, "m/s", 3.2, 0.02, 30.0, start, "measured speed that is a fault"),
     WW_REAL(0x0063, safety.over_yaw_rate_rad_per_s, "rad/s", 14.0, 0.02, 80.0, start, "measured yaw rate that is a fault"),
     WW_REAL(0x0064, safety.clear_speed_m_per_s, "m/s", 0.05, 0.001, 1.0, start, "a fault clears only below this measured wheel rim speed"),
@@ -244,6 +244,15 @@ ParameterStatus write_parameter(RobotParameters& to, std::uint16_t index, double
 ChangeWhen changeable(std::uint16_t index) {
     if (const ParameterInfo* info = find_parameter(index)) return info->when;
     return effect_slot(index).known ? idle : start;
+}
+
+const OrderRule* broken_order(const RobotParameters& p) {
+    for (const OrderRule& rule : kOrderRules) {
+        const double larger = find_parameter(rule.larger)->get(p);
+        const double smaller = find_parameter(rule.smaller)->get(p);
+        if (larger != 0 && smaller != 0 && !(larger > smaller)) return &rule;
+    }
+    return nullptr;
 }
 
 bool dynamics_known(const RobotParameters& p) {

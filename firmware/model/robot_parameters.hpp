@@ -135,6 +135,20 @@ std::span<const ParameterInfo> parameter_table();
 const ParameterInfo* find_parameter(std::uint16_t index);
 const ParameterInfo* find_parameter(std::string_view key);
 
+// What must be larger than something else, where neither is automatic.
+struct OrderRule {
+    std::string_view larger, smaller;
+};
+inline constexpr std::array kOrderRules{
+    OrderRule{"safety.over_speed_m_per_s", "limits.speed_m_per_s"},
+    OrderRule{"safety.over_yaw_rate_rad_per_s", "limits.yaw_rate_rad_per_s"},
+    OrderRule{"safety.over_speed_m_per_s", "ident.speed_limit_m_per_s"},
+    OrderRule{"safety.over_yaw_rate_rad_per_s", "ident.yaw_rate_limit_rad_per_s"},
+    OrderRule{"pose_control.rearm_radius_m", "pose_control.stop_radius_m"},
+};
+// The first that does not hold; nullptr: all do.
+const OrderRule* broken_order(const RobotParameters& parameters);
+
 // All parameters at their defaults, no effects active.
 RobotParameters default_parameters();
 

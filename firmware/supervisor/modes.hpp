@@ -19,8 +19,10 @@ inline constexpr std::size_t kModeCount = protocol::mode_values.size();
 // What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
 struct Conditions {
     bool feedback_stale = false;         // encoder feedback of a wheel is older than its limit
+    bool encoder_implausible = false;    // a wheel's angle stands still though the wheel must have turned
     bool command_stale = false;          // the active mode's set-point was not repeated in time
     bool drive_error = false;            // a drive reports an error
+    bool foreign_control = false;        // somebody else arms a drive or gives it set-points
     bool drive_silent = false;           // a drive's heartbeat is overdue
     bool drives_armed = false;           // both drives follow torque commands
     bool path_known = true;              // the pace of the path that is to be driven
@@ -76,10 +78,12 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::stop_message, kDriving | kIdle, Fault::emergency_stop_message,
               StopBy::as_configured_emergency_stop},
     FaultRule{&Conditions::bus_down, kDriving, Fault::bus_down, StopBy::coast},
+    FaultRule{&Conditions::foreign_control, kDriving | kIdle, Fault::foreign_control, StopBy::coast},
     FaultRule{&Conditions::drive_error, kDriving, Fault::drive_error, StopBy::coast},
     FaultRule{&Conditions::drive_silent, kDriving, Fault::drive_silent, StopBy::coast},
     FaultRule{&Conditions::drive_disarmed_itself, kDriving, Fault::drive_left_armed_state, StopBy::coast},
     FaultRule{&Conditions::feedback_stale, kDriving, Fault::stale_feedback, StopBy::coast},
+    FaultRule{&Conditions::encoder_implausible, kDriving, Fault::encoder_implausible, StopBy::coast},
     FaultRule{&Conditions::over_speed, kDriving, Fault::over_speed, StopBy::as_configured_over_speed},
     FaultRule{&Conditions::overrun, kDriving, Fault::cycle_overrun, StopBy::as_configured_overrun},
     FaultRule{&Conditions::command_stale, kSetpointModes, Fault::stale_command,
@@ -95,7 +99,8 @@ struct EntryRule {
     Blocker otherwise;
 };
 
-// Checked when a mode is asked for; all must hold or the request is rejected and nothing changes.
+// Checked when a mode is asked for: all must hold or the request is rejected and nothing changes. And again
+// when it is entered after arming.
 inline constexpr std::array kEntryRules{
     EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
     EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},

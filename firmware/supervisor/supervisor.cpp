@@ -1,5 +1,7 @@
 #include "firmware/supervisor/supervisor.hpp"
 
+#include <limits>
+
 namespace wheelwright::supervisor {
 
 Blocker Supervisor::request(Mode wanted, const Conditions& now) {
@@ -12,9 +14,7 @@ Blocker Supervisor::request(Mode wanted, const Conditions& now) {
     }
     if (mode_ == Mode::fault) return refuse(Blocker::fault_latched);
     if ((kMayEnterFrom[unsigned(wanted)] & bit(mode_)) == 0) return refuse(Blocker::not_idle);
-    for (const EntryRule& rule : kEntryRules) {
-        if ((rule.into & bit(wanted)) != 0 && now.*rule.what != rule.must_be) return refuse(rule.otherwise);
-    }
+    if (const Blocker why = blocker_into(wanted, now); why != Blocker::none) return refuse(why);
     blocker_ = Blocker::none;
     if (wanted == requested_ && wanted == mode_ && phase_ == Phase::steady) return Blocker::none;
 
@@ -28,6 +28,13 @@ Blocker Supervisor::request(Mode wanted, const Conditions& now) {
         entry_pending_ = true;
     } else {
         phase_ = Phase::arming;
+    }
+    return Blocker::none;
+}
+
+Blocker Supervisor::blocker_into(Mode wanted, const Conditions& now) const {
+    for (const EntryRule& rule : kEntryRules) {
+        if ((rule.into & bit(wanted)) != 0 && now.*rule.what != rule.must_be) return rule.otherwise;
     }
     return Blocker::none;
 }
@@ -46,7 +53,7 @@ Blocker Supervisor::clear_fault(const Conditions& now) {
 void Supervisor::step(const Conditions& now) {
     entered_ = entry_pending_;
     entry_pending_ = false;
-    ++phase_cycles_;
+    if (phase_cycles_ < std::numeric_limits<std::int32_t>::max()) ++phase_cycles_;  // 24 days are not the end
     if (mode_ == Mode::boot) return;
 
     // Arming and ramping to idle are watched by the rules of the driving modes.
@@ -58,10 +65,15 @@ void Supervisor::step(const Conditions& now) {
             stop(rule.fault, ramps(rule.stop));
             return;
         }
-    } else if (phase_ == Phase::ramping) {
+    } else {
+        const bool emergency = now.stop_line_active || now.stop_message;
+        if (emergency) {  // remembered, whatever the fault was before
+            fault_ = now.stop_line_active ? Fault::emergency_stop_line : Fault::emergency_stop_message;
+        }
         // Braking needs feedback, obedient drives and time; without one of them it becomes coasting.
-        if (now.feedback_stale || !now.drives_armed || now.drive_error || now.bus_down ||
-            now.stop_line_active || now.stop_message || now.not_finite) {
+        if (now.feedback_stale || now.encoder_implausible || now.foreign_control || !now.drives_armed ||
+            now.drive_error || now.bus_down || now.not_finite ||
+            (emergency && !config_.stops.emergency_stop_ramps)) {
             phase_ = Phase::steady;
         }
     }
@@ -75,7 +87,14 @@ void Supervisor::step(const Conditions& now) {
                 stop(Fault::arming_refused, false);
             } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself &&
                        (now.path_known || (bit(requested_) & kPathModes) == 0)) {
-                enter(requested_);
+                // What the request rested on may have changed since.
+                blocker_ = blocker_into(requested_, now);
+                if (blocker_ == Blocker::none) {
+                    enter(requested_);
+                } else {
+                    requested_ = Mode::idle;
+                    phase_ = Phase::steady;
+                }
             }
             break;
         case Phase::ramping:

@@ -72,6 +72,7 @@ class Supervisor {
     bool entered() const { return entered_; }
 
   private:
+    Blocker blocker_into(Mode wanted, const Conditions& now) const;
     void enter(Mode mode);
     void stop(Fault fault, bool ramp);
     bool ramps(StopBy stop) const;

@@ -86,6 +86,7 @@ void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     observer_.configure(control::wheel_observer_settings<double>(parameters_, kCyclePeriod_s));
+    encoder_watch_.configure(control::encoder_watch_settings(parameters_));
     odometry_.configure(control::odometry_settings<double>(parameters_));
     effects_measured_ = effects_measured(parameters_);
     slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters_);
@@ -134,7 +135,11 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
         meter.count(received.frame);
         if (received.frame.error) continue;
         if (from_drives && (ports_.left.accept(received) || ports_.right.accept(received))) continue;
-        if (from_host) host_.accept(received);
+        if (from_host) {
+            host_.accept(received);
+        } else {
+            host_.accept_stop(received.frame);
+        }
     }
 }
 
@@ -163,12 +168,25 @@ bool Cycle::stale(std::int64_t time_ns, double limit_s) const {
     return time_ns == 0 || 1e-9 * static_cast<double>(time_.scheduled_ns - time_ns) > limit_s;
 }
 
+template <typename Setpoint>
+bool Cycle::late(const Setpoint& setpoint, std::uint16_t cycle_time_ms) const {
+    return setpoint.received &&
+           stale(setpoint.time_ns, 1e-3 * cycle_time_ms * parameters_.safety.stale_command_cycles);
+}
+
+// Between driving modes: what has stopped coming does not act in the next mode, not for one cycle.
+void Cycle::forget_late_setpoints() {
+    const auto forget = [this](auto& setpoint, std::uint16_t cycle_time_ms) {
+        if (late(setpoint, cycle_time_ms)) setpoint.received = false;
+    };
+    forget(host_.torque_Nm, protocol::TorqueCommand::cycle_time_ms);
+    forget(host_.velocity, protocol::VelocityCommand::cycle_time_ms);
+    forget(host_.goal, protocol::PoseGoal::cycle_time_ms);
+    forget(host_.streamed, protocol::StreamedPose::cycle_time_ms);
+}
+
 // A set-point that has begun to come must go on coming.
 bool Cycle::setpoint_stale() const {
-    const auto late = [this](const auto& setpoint, std::uint16_t cycle_time_ms) {
-        return setpoint.received &&
-               stale(setpoint.time_ns, 1e-3 * cycle_time_ms * parameters_.safety.stale_command_cycles);
-    };
     switch (supervisor_.mode()) {
         case Mode::torque:
             return late(host_.torque_Nm, protocol::TorqueCommand::cycle_time_ms);
@@ -182,6 +200,23 @@ bool Cycle::setpoint_stale() const {
         default:
             return false;
     }
+}
+
+// The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
+bool Cycle::encoder_implausible() {
+    const drivers::DriveFeedback& left = ports_.left.feedback();
+    const drivers::DriveFeedback& right = ports_.right.feedback();
+    const WheelPair<double> angle_rad{left.position_rad, right.position_rad};
+    const bool probing = identifying_ && learning_.run().state() == ident::IdentState::probing;
+    if (!supervisor_.may_drive() && !supervisor_.ramping()) {
+        encoder_watch_.rest(angle_rad);
+        return false;
+    }
+    if (probing) return encoder_watch_.update_alone(angle_rad, sent_torque_Nm_);
+    return encoder_watch_.update(elapsed_s_, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
+                                 observer_.motion().wheel_speed_rad_per_s, sent_torque_Nm_,
+                                 control_.plant().geometry, observer_.unexplained_acceleration(),
+                                 may_brake() ? &control_.plant().dynamics : nullptr);
 }
 
 void Cycle::judge_conditions() {
@@ -199,11 +234,15 @@ void Cycle::judge_conditions() {
     c.feedback_stale = stale(left.feedback().encoder_time_ns, safety.stale_feedback_s) ||
                        stale(right.feedback().encoder_time_ns, safety.stale_feedback_s);
     if (c.feedback_stale) ++stale_feedback_cycles_;
+    c.encoder_implausible = encoder_implausible();
     c.command_stale = setpoint_stale();
     const auto either_failed = [&](drivers::DriveFault fault) {
         return left.fault() == fault || right.fault() == fault;
     };
     const bool left_by_itself = either_failed(drivers::DriveFault::left_armed);
+    const std::uint32_t foreign = left.counters().foreign_control + right.counters().foreign_control;
+    c.foreign_control = foreign != foreign_control_;
+    foreign_control_ = foreign;
     c.drive_error = either(DriveState::fault) && !left_by_itself;
     c.drive_silent = either(DriveState::silent);
     c.path_known = !control_.pace().running();
@@ -214,8 +253,9 @@ void Cycle::judge_conditions() {
                                           right_refusal != drivers::ArmRefusal::none);
     const auto unguarded = drivers::ArmRefusal::watchdog_not_confirmed;
     c.watchdog_confirmed = left_refusal != unguarded && right_refusal != unguarded;
-    c.over_speed = std::abs(motion.twist.v_m_per_s) > safety.over_speed_m_per_s ||
-                   std::abs(motion.twist.omega_rad_per_s) > safety.over_yaw_rate_rad_per_s;
+    // Written so that what is no number counts as dangerous.
+    c.over_speed = !(std::abs(motion.twist.v_m_per_s) <= safety.over_speed_m_per_s &&
+                     std::abs(motion.twist.omega_rad_per_s) <= safety.over_yaw_rate_rad_per_s);
     c.stop_line_active =
         ports_.emergency_stop != nullptr && ports_.emergency_stop->read() != hal::LineLevel::inactive;
     c.stop_message = host_.events().stop;
@@ -223,16 +263,19 @@ void Cycle::judge_conditions() {
     c.bus_down = bus_lost_ || refused_torques_ >= kRefusedTorquesUntilDown;
     c.terminate = terminate_.load(std::memory_order_relaxed);
     const auto& radius = control_.plant().geometry.wheel_radius_m;
-    const double rim = std::max(std::abs(radius.left * motion.wheel_speed_rad_per_s.left),
-                                std::abs(radius.right * motion.wheel_speed_rad_per_s.right));
+    const auto rims_within = [&radius](const WheelPair<double>& speed_rad_per_s, double limit_m_per_s) {
+        return std::abs(radius.left * speed_rad_per_s.left) <= limit_m_per_s &&
+               std::abs(radius.right * speed_rad_per_s.right) <= limit_m_per_s;
+    };
     // the encoders' noise at rest, which has no mean, is no motion
     slow_wheels_.left += kSlowGain * (motion.wheel_speed_rad_per_s.left - slow_wheels_.left);
     slow_wheels_.right += kSlowGain * (motion.wheel_speed_rad_per_s.right - slow_wheels_.right);
-    c.moving = std::max(std::abs(radius.left * slow_wheels_.left),
-                        std::abs(radius.right * slow_wheels_.right)) > safety.clear_speed_m_per_s;
+    c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s);
     c.rolling = true;
     if (supervisor_.ramping()) {
-        resting_cycles_ = rim > kStandingShare * safety.clear_speed_m_per_s ? 0 : resting_cycles_ + 1;
+        const bool stands =
+            rims_within(motion.wheel_speed_rad_per_s, kStandingShare * safety.clear_speed_m_per_s);
+        resting_cycles_ = stands ? resting_cycles_ + 1 : 0;
         c.rolling = resting_cycles_ < kStandingCycles;
     }
     c.velocity_design_accepted = control_.design_accepted();
@@ -252,7 +295,9 @@ void Cycle::obey() {
     if (events.ident) ident_settings_ = *events.ident;
     const bool on_path = supervisor_.mode() == Mode::trajectory || supervisor_.mode() == Mode::adaptive;
     if (events.trajectory && !on_path) control_.select_trajectory(*events.trajectory);
-    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none &&
+    const Mode before_requests = supervisor_.mode();
+    const bool to_clear = before_requests == Mode::fault || conditions_.drive_error;
+    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none && to_clear &&
         !supervisor_.wants_armed()) {
         ports_.left.request_clear_errors();
         ports_.right.request_clear_errors();
@@ -263,6 +308,9 @@ void Cycle::obey() {
     }
     const Mode before = supervisor_.mode();
     supervisor_.step(conditions_);
+    // A stop goes to drives that are believed idle too.
+    const bool stops = supervisor_.mode() == Mode::fault &&
+                       (before != Mode::fault || conditions_.stop_message || conditions_.foreign_control);
     if (identifying_ && (supervisor_.mode() != Mode::ident || supervisor_.ramping())) {
         finish_identification();
     }
@@ -271,7 +319,7 @@ void Cycle::obey() {
     if (wanted && !drives_wanted_) {
         ports_.left.request_arm();
         ports_.right.request_arm();
-    } else if (!wanted && drives_wanted_) {
+    } else if (!wanted && (drives_wanted_ || stops)) {
         ports_.left.request_disarm();
         ports_.right.request_disarm();
     }
@@ -280,7 +328,11 @@ void Cycle::obey() {
 
     const MotionInputs now = motion_inputs();
     if (supervisor_.entered()) {
-        if (supervisor_.mode() != before) host_.forget_setpoints();
+        if (supervisor_.mode() != before) {
+            host_.forget_setpoints();
+        } else if (supervisor_.mode() != before_requests) {
+            forget_late_setpoints();
+        }
         control_.enter(supervisor_.mode(), now);
         if (supervisor_.mode() == Mode::ident) {
             learning_.start_identification(parameters_, ident_settings_, now);
@@ -341,7 +393,8 @@ void Cycle::serve_parameters() {
                 reply.result = service_.stage(request.index, static_cast<double>(request.value));
                 break;
             case protocol::ParameterOperation::commit:
-                reply.result = service_.commit(supervisor_.mode() == Mode::idle);
+                reply.result =
+                    service_.commit(supervisor_.mode() == Mode::idle && !supervisor_.wants_armed());
                 break;
             case protocol::ParameterOperation::discard:
                 reply.result = service_.discard();
@@ -451,7 +504,10 @@ void Cycle::send(std::int64_t) {
     const std::uint32_t refused = send_refused_;
     for (const hal::CanFrame& frame : torques_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
-    for (const hal::CanFrame& frame : outbox_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
+    for (const hal::CanFrame& frame : outbox_.frames()) {
+        if (transmit(ports_.drive_bus, frame, drive_meter_)) continue;
+        if (!ports_.left.refused(frame)) ports_.right.refused(frame);
+    }
 
     const Telemetry::Turn turn = long_cycle_ ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
@@ -468,13 +524,14 @@ void Cycle::send(std::int64_t) {
     host_meter_.step(elapsed_s_);
 }
 
-void Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter) {
-    const hal::CanStatus status = bus.send(frame);
-    if (status == hal::CanStatus::ok) {
+bool Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter) {
+    const bool taken = bus.send(frame) == hal::CanStatus::ok;
+    if (taken) {
         meter.count(frame);
     } else {
         ++send_refused_;
     }
+    return taken;
 }
 
 void Cycle::note_times() {
@@ -608,6 +665,7 @@ void Cycle::fill_counters(CycleReport& r) const {
     put(Cause::bus_error_frames, statistics.error_frames);
     put(Cause::bus_off, statistics.bus_off);
     put(Cause::stale_feedback_cycles, stale_feedback_cycles_);
+    put(Cause::foreign_control, foreign_control_);
 }
 
 }  // namespace wheelwright::task

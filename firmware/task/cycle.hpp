@@ -12,6 +12,7 @@
 #include <span>
 
 #include "drivers/motor_drive.hpp"
+#include "firmware/control/encoder_watch.hpp"
 #include "firmware/control/odometry.hpp"
 #include "firmware/control/wheel_observer.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -107,14 +108,18 @@ class Cycle {
     void fill_counters(CycleReport& report) const;
 
     void drain(hal::CanBus& bus, bool from_host, bool from_drives);
-    void transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
+    bool transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
     void configure();
     void finish_identification();
     [[gnu::noinline]] void use_rough_model();
+    template <typename Setpoint>
+    bool late(const Setpoint& setpoint, std::uint16_t cycle_time_ms) const;
     bool setpoint_stale() const;
+    void forget_late_setpoints();
     bool stale(std::int64_t time_ns, double limit_s) const;
     MotionInputs motion_inputs() const;
     [[gnu::noinline]] WheelPair<double> identify(const MotionInputs& now);
+    bool encoder_implausible();
     bool may_brake() const { return conditions_.model_known || rough_model_; }
 
     model::RobotParameters& parameters_;
@@ -125,6 +130,7 @@ class Cycle {
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
     control::WheelObserver<double> observer_;
+    control::EncoderWatch encoder_watch_;
     control::Odometry<double> odometry_;
     MotionControl control_;
     Learning learning_;
@@ -154,6 +160,7 @@ class Cycle {
     double slip_limit_rad_per_s_ = 0;
     bool angles_known_ = false;
     std::int64_t sample_age_ns_ = 0;
+    std::uint32_t foreign_control_ = 0;  // of both drives, by the end of the cycle before
     bool was_armed_ = false;
     bool was_ramping_ = false;
     bool drives_wanted_ = false;

@@ -18,6 +18,13 @@ bool HostLink::take(const hal::ReceivedFrame& received, Message& out) {
     return false;
 }
 
+bool HostLink::accept_stop(const hal::CanFrame& frame) {
+    if (frame.id != protocol::EmergencyStop::id || frame.extended || frame.remote || frame.error)
+        return false;
+    events_.stop = true;
+    return true;
+}
+
 bool HostLink::accept(const hal::ReceivedFrame& received) {
     const hal::CanFrame& frame = received.frame;
     if (frame.extended || frame.remote || frame.error) return false;

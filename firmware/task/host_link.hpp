@@ -61,6 +61,9 @@ class HostLink {
     // Offers one received frame; true when its identifier is one of the firmware's commands.
     bool accept(const hal::ReceivedFrame& received);
 
+    // A stop, from wherever it comes; true when the frame is one.
+    bool accept_stop(const hal::CanFrame& frame);
+
     // Forgets the events of the cycle before.
     void begin_cycle() { events_ = {}; }
 
@@ -83,7 +86,7 @@ class HostLink {
     bool take(const hal::ReceivedFrame& received, Message& out);
 
     HostEvents events_;
-    std::array<std::uint32_t, 16> counters_{};
+    std::array<std::uint32_t, protocol::counter_cause_values.size()> counters_{};
     protocol::CommandGuard guard_;
     // A streamed pose waits for the velocities with the same alive counter.
     Pose<double> half_pose_{};

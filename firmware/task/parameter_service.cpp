@@ -40,8 +40,13 @@ ParameterService::Result ParameterService::stage(std::uint16_t index, double val
 ParameterService::Result ParameterService::commit(bool idle) {
     if (staged_count_ == 0) return Result::nothing_staged;
     if (staged_needs_idle_ && !idle) return Result::not_now;
+    staged_ = live_;
     for (std::size_t i = 0; i < staged_count_; ++i) {
-        model::write_parameter(live_, staged_list_[i].index, staged_list_[i].value);
+        model::write_parameter(staged_, staged_list_[i].index, staged_list_[i].value);
+    }
+    if (model::broken_order(staged_) != nullptr) return Result::out_of_range;
+    live_ = staged_;
+    for (std::size_t i = 0; i < staged_count_; ++i) {
         remember(staged_list_[i].index, staged_list_[i].value);
     }
     staged_count_ = 0;

@@ -75,7 +75,8 @@ class ParameterService {
 
     Result read(std::uint16_t index, double& value) const;
     Result stage(std::uint16_t index, double value);
-    // `idle`: the robot is in the idle mode. On ok the live parameters have changed and changed() says so
+    // `idle`: the robot is in the idle mode. out_of_range: what is staged contradicts the rest, as a robot
+    // file would be refused; it stays staged. On ok the live parameters have changed and changed() says so
     // once.
     Result commit(bool idle);
     Result discard();

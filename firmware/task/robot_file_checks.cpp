@@ -122,16 +122,13 @@ void check_drives(const model::RobotParameters& p, Diagnostics& diagnostics) {
 }
 
 void check_limits(const model::RobotParameters& p, Diagnostics& diagnostics) {
-    const Quantity over_speed{"safety.over_speed_m_per_s", p.safety.over_speed_m_per_s};
-    const Quantity over_yaw_rate{"safety.over_yaw_rate_rad_per_s", p.safety.over_yaw_rate_rad_per_s};
-    above(diagnostics, over_speed, {"limits.speed_m_per_s", p.limits.speed_m_per_s}, "m/s");
-    above(diagnostics, over_yaw_rate, {"limits.yaw_rate_rad_per_s", p.limits.yaw_rate_rad_per_s}, "rad/s");
-    above(diagnostics, over_speed, {"ident.speed_limit_m_per_s", p.ident.speed_limit_m_per_s}, "m/s");
-    above(diagnostics, over_yaw_rate, {"ident.yaw_rate_limit_rad_per_s", p.ident.yaw_rate_limit_rad_per_s},
-          "rad/s");
-    if (p.pose_control.rearm_radius_m > 0 && p.pose_control.stop_radius_m > 0)
-        above(diagnostics, {"pose_control.rearm_radius_m", p.pose_control.rearm_radius_m},
-              {"pose_control.stop_radius_m", p.pose_control.stop_radius_m}, "m");
+    for (const model::OrderRule& rule : model::kOrderRules) {
+        const ParameterInfo* larger = model::find_parameter(rule.larger);
+        const ParameterInfo* smaller = model::find_parameter(rule.smaller);
+        const double least = smaller->get(p);
+        if (larger->get(p) == 0 || least == 0) continue;  // automatic
+        above(diagnostics, {rule.larger.data(), larger->get(p)}, {rule.smaller.data(), least}, larger->unit);
+    }
 }
 
 void check_lines(const RobotFile& robot, Diagnostics& diagnostics) {

@@ -64,7 +64,7 @@ struct CycleReport {
     protocol::Timing timing;
     protocol::BusLoad bus_load;
     protocol::LoopDesign design;
-    std::array<std::uint32_t, 16> counters{};
+    std::array<std::uint32_t, protocol::counter_cause_values.size()> counters{};
 };
 
 class Telemetry {

@@ -1,5 +1,5 @@
 // The firmware as a Linux process: reads the robot file, opens buses and lines, becomes real-time, and runs
-// one cycle in each millisecond until SIGTERM or SIGINT.
+// one cycle in each millisecond until it is asked to end.
 #include <CLI/CLI.hpp>
 #include <array>
 #include <csignal>
@@ -32,20 +32,28 @@ void on_signal(int) {
     if (running_cycle != nullptr) running_cycle->request_termination();
 }
 
-// SIGTERM and SIGINT end the firmware in order; they are taken by the cycle's thread alone.
+// They end the firmware in order, and are taken by the cycle's thread alone: asked to, or as a terminal goes.
+constexpr std::array kEndingSignals{SIGTERM, SIGINT, SIGHUP, SIGQUIT};
+
 void catch_signals() {
     struct sigaction action {};
     action.sa_handler = &on_signal;
     sigemptyset(&action.sa_mask);
-    sigaction(SIGTERM, &action, nullptr);
-    sigaction(SIGINT, &action, nullptr);
+    for (const int signal : kEndingSignals) sigaction(signal, &action, nullptr);
+}
+
+// Nobody who reads what we print is worth a robot that stops without its ramp.
+void ignore_broken_pipes() {
+    struct sigaction action {};
+    action.sa_handler = SIG_IGN;
+    sigemptyset(&action.sa_mask);
+    sigaction(SIGPIPE, &action, nullptr);
 }
 
 void block_signals(bool block) {
     sigset_t set;
     sigemptyset(&set);
-    sigaddset(&set, SIGTERM);
-    sigaddset(&set, SIGINT);
+    for (const int signal : kEndingSignals) sigaddset(&set, signal);
     pthread_sigmask(block ? SIG_BLOCK : SIG_UNBLOCK, &set, nullptr);
 }
 
@@ -72,7 +80,11 @@ bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, boo
         filters[count++] = {static_cast<std::uint32_t>(parameters.drive.left.node) << 5, kNodeMask, false};
         filters[count++] = {static_cast<std::uint32_t>(parameters.drive.right.node) << 5, kNodeMask, false};
     }
-    if (host) filters[count++] = {protocol::EmergencyStop::id & kNodeMask, kNodeMask, false};
+    if (host) {
+        filters[count++] = {protocol::EmergencyStop::id & kNodeMask, kNodeMask, false};
+    } else {
+        filters[count++] = {protocol::EmergencyStop::id, 0x7FF, false};  // a stop may come from anywhere
+    }
     return bus.set_filters({filters.data(), count});
 }
 
@@ -112,6 +124,7 @@ bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line
 }
 
 int run(const Options& options) {
+    ignore_broken_pipes();
     const task::RobotFileResult file = task::read_robot_file(options.config);
     for (const task::Diagnostic& problem : file.problems) {
         std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
@@ -206,7 +219,7 @@ int main(int argc, char** argv) {
     CLI::App program{"The firmware of a differential-drive robot: drives it over CAN at 1 kHz."};
     program.name("wheelwrightd");
     program.footer(
-        "Ends on SIGTERM or Ctrl-C: the robot brakes, the drives go idle.\n"
+        "Ends on SIGTERM, SIGHUP, SIGQUIT or Ctrl-C: the robot brakes, the drives go idle.\n"
         "Exit status: 0 done; 1 usage or configuration; 4 the machine lacks something (no CAN, no "
         "permission).");
     program.add_option("--config", options.config, "Robot file")->required();

@@ -125,6 +125,7 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
     if (!set_option(socket.get(), SOL_SOCKET, SO_RCVBUFFORCE, options.receive_buffer_bytes)) {
         set_option(socket.get(), SOL_SOCKET, SO_RCVBUF, options.receive_buffer_bytes);
     }
+    set_option(socket.get(), SOL_SOCKET, SO_SNDBUF, options.send_buffer_bytes);
     const bool fd_frames = fd_interface && set_option(socket.get(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, int{1});
 
     sockaddr_can address{};
@@ -186,7 +187,7 @@ CanStatus SocketCanBus::send(const CanFrame& frame) {
                     break;
                 default:  // ENETDOWN, ENXIO, ENODEV: down, or gone
                     status = CanStatus::bus_down;
-                    down_ = true;
+                    note_down();
                     break;
             }
         }
@@ -214,7 +215,7 @@ bool SocketCanBus::take_waiting() {
         if (taken >= 0 || (errno != ENETDOWN && errno != ENODEV && errno != EINTR)) {
             break;
         }
-        down_ = down_ || errno != EINTR;
+        if (errno != EINTR) note_down();
     }
     if (taken <= 0) {
         return false;
@@ -269,8 +270,16 @@ CanStatus SocketCanBus::receive(ReceivedFrame& out) {
     } else {
         ++statistics_.frames_received;
         bus_off_ = false;
+        // What is received later than the interface was found down says that it is up again; who sends
+        // nothing would not find out.
+        if (down_ && out.timestamp_ns > down_since_ns_) down_ = false;
     }
     return CanStatus::ok;
+}
+
+void SocketCanBus::note_down() {
+    if (!down_) down_since_ns_ = read_clock_ns(CLOCK_MONOTONIC);
+    down_ = true;
 }
 
 void SocketCanBus::note_error_class(std::uint32_t error_class) {

@@ -31,6 +31,9 @@ struct SocketCanOptions {
     // Bytes of kernel memory for frames that wait; a frame takes about 700 to 900. More than the system's
     // net.core.rmem_max needs CAP_NET_ADMIN; without it we get less, without a word.
     int receive_buffer_bytes = 1 << 20;
+    // The same for frames that wait to be sent. The least that the kernel allows: some six or seven frames.
+    // What waits on a jammed bus is old when it leaves.
+    int send_buffer_bytes = 1;
 };
 
 class SocketCanBus final : public CanBus {
@@ -70,10 +73,12 @@ class SocketCanBus final : public CanBus {
 
     bool take_waiting();
     std::int64_t to_monotonic_ns(std::int64_t stamp_realtime_ns);
+    void note_down();
     void note_error_class(std::uint32_t error_class);
 
     int socket_;
     bool fd_frames_ = false;
+    std::int64_t down_since_ns_ = 0;
     bool down_ = false;
     bool bus_off_ = false;
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide

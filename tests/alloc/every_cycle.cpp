@@ -353,6 +353,16 @@ void fail_in_every_way(Visit& visit) {
     const auto nothing = [] {};
     const std::array cases{
         Case{[&] { left_faults(visit).mute = true; }, [&] { left_faults(visit).mute = false; }},
+        Case{[&] { left_faults(visit).frozen_encoder = true; },
+             [&] { left_faults(visit).frozen_encoder = false; }},
+        Case{[&] {
+                 hal::CanFrame torque;  // somebody else's
+                 torque.id = (kHeartbeatOfLeft & ~0x1FU) | 0x0E;
+                 torque.length = 8;
+                 torque.data = {};
+                 bus.endpoint(bench::CycleRig::kHost).send(torque);
+             },
+             nothing},
         Case{[&] { visit.host().silence(); }, nothing},
         Case{[&] { visit.world().left().raise_error(0x40); }, nothing},
         Case{[&] { visit.world().right().drop_out(); }, nothing},

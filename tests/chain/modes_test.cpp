@@ -232,6 +232,7 @@ TEST(ChainModes, switching_between_all_driving_modes_makes_no_bump) {
                 sim.run_for(0.002);
             } else if (to == Mode::velocity) {
                 sim.host().velocity({0.5, 0.2});
+                sim.run_for(0.002);  // an older set-point would not count
             }
             const auto before = sim.cycle().report().torque_Nm;
             sim.host().mode(to);

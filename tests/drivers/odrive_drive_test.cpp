@@ -283,7 +283,10 @@ TEST(OdriveArming, an_axis_found_running_is_made_idle_first) {
     Bench b(config(OdriveGeneration::v0_6));
     b.heartbeat(8);
     b.cycle();
-    CHECK(b.drive.state() == DriveState::idle);  // delivers what somebody else asks, not what we do
+    CHECK(b.drive.state() == DriveState::fault);
+    CHECK(b.drive.fault() == DriveFault::armed_unasked);
+    CHECK_EQUAL(1U, b.drive.counters().foreign_control);
+    b.check_sent({frame(0x06E, {0, 0, 0, 0, 0, 0, 0, 0}), frame(0x067, {1, 0, 0, 0})});
     b.drive.request_arm();
     b.cycles(3);
     b.check_sent({frame(0x067, {1, 0, 0, 0})});
@@ -692,6 +695,28 @@ TEST(OdriveFeedback, somebody_elses_commands_to_the_drive_are_noticed) {
     CHECK(b.receive(0x06E, {0, 0, 0, 0, 0, 0, 0, 0}));
     CHECK(b.receive(0x067, {8, 0, 0, 0}));
     CHECK_EQUAL(2U, b.drive.counters().foreign_commands);
+    CHECK_EQUAL(2U, b.drive.counters().foreign_control);
+    CHECK(b.receive(0x067, {1, 0, 0, 0}));  // to idle, and limits
+    CHECK(b.receive(0x06F, {0, 0, 0, 0, 0, 0, 0, 0}));
+    CHECK_EQUAL(4U, b.drive.counters().foreign_commands);
+    CHECK_EQUAL(2U, b.drive.counters().foreign_control);
+}
+
+TEST(OdriveFaults, frames_that_the_bus_refused_are_pushed_again) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_disarm();
+    b.cycle();
+    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+    CHECK(b.drive.refused(frame(0x067, {1, 0, 0, 0})));
+    CHECK_FALSE(b.drive.refused(frame(0x087, {1, 0, 0, 0})));
+    b.cycle();
+    b.check_sent({frame(0x06E, {0, 0, 0, 0, 0, 0, 0, 0}), frame(0x067, {1, 0, 0, 0})});
+    b.heartbeat(1);
+    b.cycle();
+    b.check_sent({});
+    CHECK(b.drive.state() == DriveState::idle);
 }
 
 TEST(OdriveFeedback, every_frame_of_every_length_and_pattern_leaves_finite_feedback) {

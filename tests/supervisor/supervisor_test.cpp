@@ -56,6 +56,7 @@ struct Danger {
 // What must stop each driving mode, whatever else is true.
 constexpr std::array kDangers{
     Danger{"feedback stale", &Conditions::feedback_stale, Fault::stale_feedback},
+    Danger{"encoder implausible", &Conditions::encoder_implausible, Fault::encoder_implausible},
     Danger{"drive error", &Conditions::drive_error, Fault::drive_error},
     Danger{"drive silent", &Conditions::drive_silent, Fault::drive_silent},
     Danger{"drive left its armed state", &Conditions::drive_disarmed_itself, Fault::drive_left_armed_state},
@@ -261,7 +262,48 @@ TEST(SupervisorEntry, a_finished_identification_returns_to_idle) {
     CHECK(s.fault() == Fault::none);
 }
 
+TEST(SupervisorEntry, what_a_request_rested_on_is_looked_at_again_when_the_drives_are_armed) {
+    for (Mode mode : kDrivingModes) {
+        for (const auto what : {&Conditions::velocity_design_accepted, &Conditions::model_known,
+                                &Conditions::model_trusted, &Conditions::moving}) {
+            Supervisor s = started();
+            CHECK(s.request(mode, healthy()) == Blocker::none);
+            s.step(healthy());
+            Conditions c = armed();
+            c.*what = !(c.*what);
+            const bool stands = started().request(mode, c) == Blocker::none;
+            s.step(c);
+            CHECK_EQUAL(stands, s.may_drive());
+            CHECK_EQUAL(stands, s.wants_armed());
+            CHECK_EQUAL(stands, s.blocker() == Blocker::none);
+        }
+    }
+}
+
 TEST_GROUP(SupervisorFaults){};
+
+TEST(SupervisorFaults, an_emergency_stop_is_remembered_and_its_ramp_goes_on) {
+    for (const bool ramps : {false, true}) {
+        for (const auto what : {&Conditions::stop_message, &Conditions::stop_line_active}) {
+            SupervisorConfig config;
+            config.stops.emergency_stop_ramps = ramps;
+            config.stops.stale_command_ramps = true;
+            Supervisor s = driving(Mode::velocity, config);
+            Conditions c = armed();
+            c.rolling = c.moving = true;
+            c.command_stale = true;
+            s.step(c);
+            CHECK(s.ramping());
+            c.command_stale = false;
+            c.*what = true;
+            s.step(c);
+            s.step(c);
+            CHECK_EQUAL(ramps, s.ramping());
+            CHECK(s.fault() == (what == &Conditions::stop_message ? Fault::emergency_stop_message
+                                                                  : Fault::emergency_stop_line));
+        }
+    }
+}
 
 TEST(SupervisorFaults, each_danger_stops_each_driving_mode_in_the_cycle_that_sees_it_and_names_itself) {
     for (Mode mode : kDrivingModes) {
@@ -457,8 +499,15 @@ TEST(SupervisorRandomWalk, whatever_happens_the_wheels_are_driven_only_with_perm
             CHECK(s.fault() != Fault::none);
         }
         if (before == Mode::fault && !cleared) {
-            CHECK(s.mode() == Mode::fault);    // rule 3: a fault stays until cleared,
-            CHECK(s.fault() == fault_before);  // and keeps its first name
+            CHECK(s.mode() == Mode::fault);  // rule 3: a fault stays until cleared,
+            // and keeps its first name, unless an emergency stop comes
+            if (c.stop_line_active) {
+                CHECK(s.fault() == Fault::emergency_stop_line);
+            } else if (c.stop_message) {
+                CHECK(s.fault() == Fault::emergency_stop_message);
+            } else {
+                CHECK(s.fault() == fault_before);
+            }
         }
         if (s.mode() == Mode::idle && s.phase() == Phase::steady) CHECK(!s.wants_armed());  // rule 4
     }

@@ -236,8 +236,10 @@ class HostBus(unittest.TestCase):
         robot.start_robot()
         robot.start_daemon("--host-can", "vcan1")
         began = time.time()
-        # Commands on the drives' bus are nobody's.
+        # Of commands on the drives' bus only a stop counts.
         robot.drives.cansend(number_of("EmergencyStop"), b"")
+        robot.until_status(lambda s: s["Fault"] == "emergency_stop_message", "the stop is obeyed")
+        robot.clear_fault()
         stream = robot.stream("VelocityCommand", 0.02, ForwardSpeed=0.2)
         robot.mode("velocity")
         robot.until(lambda: robot.truth()[4] > 0.15, "the robot drives")

@@ -170,6 +170,21 @@ class Faults(Case):
         print(f"SIGTERM at 0.5 m/s: ended after {ended - sent:.2f} s, {1e3 * path:.0f} mm on")
         self.rig.start_daemon()
 
+    def test_a_terminal_that_goes_ends_it_in_order_and_a_broken_pipe_does_not_end_it(self):
+        for how in (signal.SIGHUP, signal.SIGQUIT):
+            self.drive(ForwardSpeed=0.5)
+            self.rig.until(lambda: self.rig.truth()[4] > 0.45, "the robot drives")
+            sent = time.time()
+            self.rig.daemon.send_signal(signal.SIGPIPE)
+            self.rig.until_status(lambda s: s["Time"] > sent + 0.1 and s["State"] == "velocity", "it drives on")
+            sent = time.time()
+            self.assertEqual(self.rig.stop_daemon(how), 0)
+            for side, torques in self.rig.torques(sent).items():
+                self.assertLess(min(torque for _, torque in torques), -0.5)  # it braked
+                self.assertTrue(self.rig.told_idle(side, sent))
+            self.rig.until(self.rig.at_rest, "the robot stands")
+            self.rig.start_daemon()
+
     def test_kill_9_the_watchdogs_stop_the_wheels(self):
         self.drive(ForwardSpeed=0.5)
         self.rig.until(lambda: self.rig.truth()[4] > 0.45, "the robot drives")

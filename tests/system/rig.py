@@ -396,8 +396,8 @@ class Rig:
         self.until_status(lambda s: s["State"] == "idle" and s["DriveLeft"] == s["DriveRight"] == "idle",
                           "it sees both drives idle")
 
-    def stop_daemon(self):
-        self.daemon.send_signal(signal.SIGTERM)
+    def stop_daemon(self, how=signal.SIGTERM):
+        self.daemon.send_signal(how)
         return self.daemon.wait(LONG)
 
     # What the host says.

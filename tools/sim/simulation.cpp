@@ -17,6 +17,7 @@ namespace {
 constexpr std::size_t kFirmware = 0;
 constexpr std::size_t kRobot = 1;
 constexpr std::size_t kHost = 2;
+constexpr std::size_t kFirmwareQueue = 7;  // as SocketCanBus has it
 
 sim::InProcessBusOptions bus_options(double bit_rate, std::uint64_t seed) {
     sim::InProcessBusOptions options;
@@ -220,6 +221,7 @@ class Simulation::VirtualMachine final : public Machine {
             second_ = std::make_unique<sim::InProcessBus>(
                 clock_, 2, bus_options(parameters.bus.host_bit_rate_bit_per_s, options.seed + 1));
         }
+        bus_.limit_transmit_queue(kFirmware, kFirmwareQueue);
         host_bus().set_filters({});  // the simulated host listens to nobody; taps see all
     }
     ~VirtualMachine() override { catch_up(); }
