@@ -3,9 +3,11 @@
 
 #include <cstddef>
 #include <functional>
+#include <optional>
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/effects.hpp"
+#include "firmware/task/robot_file.hpp"
 #include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
@@ -15,7 +17,12 @@ struct SimulatedRobot {
     model::Dynamics<double> dynamics;
     model::EffectSet<double> effects;
     bool turning = true;  // false: it goes straight, and gets the mean of both wheels
+    bool driving = true;  // false: it turns on the spot, and gets half their difference
 };
+
+// The robot of a robot file. What the file does not know of it does not happen: without K8 it does not turn,
+// without K7 it does not drive; without both there is none.
+std::optional<SimulatedRobot> simulated_robot(const task::RobotFile& file);
 
 // Samples first .. end - 1 of a log.
 struct Stretch {
@@ -28,7 +35,8 @@ using TakeSpeeds = std::function<void(std::size_t sample, const WheelPair<double
 
 inline constexpr double kFineStep_s = 0.0005;
 
-// Starts at `start_rad_per_s`, holds the torque between samples, and gives `take` the simulated speeds at
+// Starts at `start_rad_per_s`, and with what the second of the log before it leaves in a torque path, a castor
+// or a gap; holds the torque between samples, and gives `take` the simulated speeds at
 // each sample but the first. Sum of the squared differences to the measured ones, both wheels. Steps are not
 // longer than `step_s`; samples closer together than that are put together, with their mean torque.
 double free_run(const SimulatedRobot& robot, const Stretch& stretch, const WheelPair<double>& start_rad_per_s,

@@ -13,6 +13,7 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/cli/log_options.hpp"
+#include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_output.hpp"
 #include "tools/gap/write_parameters.hpp"
 #include "tools/logs/candump.hpp"
@@ -102,6 +103,7 @@ int gap(const Options& options) {
         const std::optional<task::RobotFile> robot = read_robot(options.model);
         if (!robot) return kUsage;
         request.robot = robot->parameters;
+        request.robot_text = gap::text_of_file(options.model);
         request.geometry = robot->parameters.geometry;
     }
     for (const std::string& log : options.logs) {
@@ -130,7 +132,8 @@ int gap(const Options& options) {
         return usage("--plant and --can belong to --close-loop");
     }
     gap::Findings findings = gap::analyse(request);
-    if (findings.problems.empty() && options.close_loop) close_loop(findings, request, plant, options.plant);
+    if (findings.problems.empty() && findings.file_problem.empty() && options.close_loop)
+        close_loop(findings, request, plant, options.plant);
 
     const std::string json_path = options.out + "/gap.json";
     std::ofstream json(json_path);
@@ -142,11 +145,10 @@ int gap(const Options& options) {
         return kBadInput;
     }
     std::fputs(gap::words(findings).c_str(), stdout);
-    const std::string wrong =
-        gap::write_robot(findings, request, options.model, options.out + "/robot.extended.toml");
+    const std::string wrong = gap::write_robots(findings, options.out);
     if (!wrong.empty()) return usage(wrong);
     gap::write_page(findings, request, options.out + "/report.html");
-    std::printf("\n%s/gap.json, robot.extended.toml and report.html are written.\n", options.out.c_str());
+    std::printf("\n%s/gap.json, robot.extended.toml, robot.before.toml and report.html are written.\n", options.out.c_str());
     if (!options.interface.empty()) return write_to_robot(options, findings, request);
     return kDone;
 }

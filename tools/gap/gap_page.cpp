@@ -168,8 +168,7 @@ void measured_against_simulated(report::Page& page, const Findings& f) {
     }
 }
 
-void where(report::Page& page, const Findings& f) {
-    Section& s = page.section("Where they part");
+void missing_torque(Section& s, const Curve& curve) {
     s.text(
         "From each tenth of a second: how much torque would have to be added to the model to make it do what "
         "the robot "
@@ -181,12 +180,18 @@ void where(report::Page& page, const Findings& f) {
     s.chart({.title = "Torque that is missing",
              .x = {"mean wheel speed / (rad/s)"},
              .y = {"torque per wheel / Nm"},
-             .series = {{"before", f.against_speed.x, f.against_speed.before},
-                        {"after", f.against_speed.x, f.against_speed.after}},
+             .series = {{"before", curve.x, curve.before},
+                        {"after", curve.x, curve.after}},
              .levels = {{"nothing missing", 0}},
              .caption = "Means in bins of wheel speed, both wheels together.",
              .summary = "Missing torque against wheel speed, before and after, in " +
-                        std::to_string(f.against_speed.x.size()) + " bins."});
+                        std::to_string(curve.x.size()) + " bins."});
+}
+
+void where(report::Page& page, const Findings& f) {
+    if (f.against_speed.x.empty() && f.search.where.empty()) return;
+    Section& s = page.section("Where they part");
+    if (!f.against_speed.x.empty()) missing_torque(s, f.against_speed);
     if (f.search.where.empty()) return;
     s.text(
         "Before anything is named, the difference is compared with everything the motion offers. The shares "
