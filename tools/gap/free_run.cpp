@@ -57,8 +57,10 @@ std::optional<SimulatedRobot> simulated_robot(const task::RobotFile& file) {
     if (!robot.turning && !robot.driving) return std::nullopt;
     model::Dynamics<double>& k = robot.dynamics;
     const double track_m = robot.geometry.track_m;
-    if (!robot.turning || !robot.driving) k.k5_m = k.k6_per_m = 0;
-    if (!robot.turning) k.k8_per_kg_m2 = 4 * k.k7_per_kg_m / track_m;
+    if (!robot.turning) {
+        k.k5_m = k.k6_per_m = 0;
+        k.k8_per_kg_m2 = 4 * k.k7_per_kg_m / track_m;
+    }
     if (!robot.driving) k.k7_per_kg_m = k.k8_per_kg_m2 * track_m / 4;
     return robot;
 }
@@ -83,9 +85,8 @@ double free_run(const SimulatedRobot& robot, const Stretch& stretch, const Wheel
     const Pose<double> pose{0, 0, stretch.heading_rad};
     sim::Plant plant(parameters, pose);
     const auto balanced = [&](const WheelPair<double>& pair) {
-        const double mean = robot.driving ? pair.sum() / 2 : 0;
-        const double half = robot.turning ? pair.difference() / 2 : 0;
-        return robot.turning && robot.driving ? pair : WheelPair<double>{mean - half, mean + half};
+        const double mean = pair.sum() / 2;
+        return robot.turning ? pair : WheelPair<double>{mean, mean};
     };
     const model::Geometry<double>& geometry = plant.actual().geometry;
     // led along the measured speeds

@@ -17,11 +17,10 @@ struct SimulatedRobot {
     model::Dynamics<double> dynamics;
     model::EffectSet<double> effects;
     bool turning = true;  // false: it goes straight, and gets the mean of both wheels
-    bool driving = true;  // false: it turns on the spot, and gets half their difference
+    bool driving = true;  // false: K7 is that of a robot whose mass is at its wheels; no torque drove it
 };
 
-// The robot of a robot file. What the file does not know of it does not happen: without K8 it does not turn,
-// without K7 it does not drive; without both there is none.
+// The robot of a robot file; none where that has neither K7 nor K8, nor masses.
 std::optional<SimulatedRobot> simulated_robot(const task::RobotFile& file);
 
 // Samples first .. end - 1 of a log.

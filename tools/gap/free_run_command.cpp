@@ -65,8 +65,10 @@ int free_run(const Options& options) {
     const auto& samples = part.log->samples;
     report.add("from_s", "from", samples[part.first].t_s, "s");
     report.add("duration_s", "for", part.log->period_s * double(part.end - part.first - 1), "s");
-    report.add("turns", "K8 is known: the robot turns", robot.turning);
-    report.add("drives", "K7 is known: it drives", robot.driving);
+    report.add("k7_known", "K7 is known", robot.driving, "",
+               robot.driving ? "" : "as if the mass were at the wheels: good for turning on the spot only");
+    report.add("k8_known", "K8 is known", robot.turning, "",
+               robot.turning ? "" : "the robot goes straight, and gets the mean of both wheels");
     report.add("signal_rms_rad_s", "measured wheel speeds, RMS", gap::speed_rms_rad_per_s(part), "rad/s");
     report.table("windows", {{"window_s", "started anew every (0: never) / s"},
                              {"windows", "runs"},

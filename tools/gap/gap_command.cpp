@@ -3,8 +3,10 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <thread>
 
 #include "firmware/model/effects.hpp"
 #include "firmware/task/robot_file.hpp"
@@ -13,6 +15,9 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/cli/log_options.hpp"
+#include "tools/cli/progress_line.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/gap/detection.hpp"
 #include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_output.hpp"
 #include "tools/gap/write_parameters.hpp"
@@ -29,6 +34,9 @@ struct Options {
     std::string model, heldout, out, plant, interface;
     bool close_loop = false;
     bool yes = false;
+    std::size_t verify_detection = 0;
+    std::vector<std::string> verify_only;
+    std::vector<double> verify_sizes{0.3, 1, 2};
     double heldout_from_s = -1;
 };
 
@@ -79,6 +87,37 @@ void close_loop(gap::Findings& findings, const gap::Request& request,
     findings.closed_loop->plant =
         plant ? "the simulated robot of " + std::filesystem::path(path).filename().string()
               : "a simulated robot that is what was found (no truth is known)";
+}
+
+void verify_detection(const Options& options, const gap::Request& request, const gap::Findings& findings) {
+    gap::DetectionOptions detection;
+    detection.repeats = options.verify_detection;
+    detection.only = options.verify_only;
+    detection.factors = options.verify_sizes;
+    detection.jobs = std::max(1U, std::thread::hardware_concurrency());
+    std::vector<gap::Detection> all;
+    {
+        ProgressLine line;
+        detection.progress = std::ref(line);
+        all = gap::verify_detection(request, findings, detection);
+    }
+    Report report("gap");
+    report.section("detection", "Effects put on the robot found, at multiples of the size called detectable");
+    report.table("logs", {{"effect", "effect"},
+                          {"factor", "times the size"},
+                          {"logs", "logs"},
+                          {"named", "named"},
+                          {"confounded", "as a rival"},
+                          {"elsewhere", "another named"},
+                          {"instead", "which"}});
+    for (const gap::Detection& d : all) {
+        std::string instead;
+        for (const std::size_t effect : d.instead)
+            instead += (instead.empty() ? "" : ", ") + std::string(model::kEffects[effect].name);
+        report.row({std::string(model::kEffects[d.effect].name), d.factor, std::int64_t(d.logs),
+                    std::int64_t(d.named), std::int64_t(d.confounded), std::int64_t(d.elsewhere), instead});
+    }
+    report.publish(options.out + "/detection.json");
 }
 
 int write_to_robot(const Options& options, const gap::Findings& findings, const gap::Request& request) {
@@ -149,6 +188,7 @@ int gap(const Options& options) {
     if (!wrong.empty()) return usage(wrong);
     gap::write_page(findings, request, options.out + "/report.html");
     std::printf("\n%s/gap.json, robot.extended.toml, robot.before.toml and report.html are written.\n", options.out.c_str());
+    if (options.verify_detection > 0) verify_detection(options, request, findings);
     if (!options.interface.empty()) return write_to_robot(options, findings, request);
     return kDone;
 }
@@ -189,6 +229,15 @@ void add_gap(const CommandLine& program, Run& run) {
     command.add_option("--can", options->interface,
                        "With --close-loop: then write what was found to the robot on this interface");
     command.add_flag("--yes", options->yes, "With --can: do not ask before writing");
+    command.add_option(
+        "--verify-detection", options->verify_detection,
+        "Put each effect that was not found on the robot that was, so many times at each of some multiples of\n"
+        "the size called detectable, and count how often it is named; also in detection.json");
+    command.add_option("--verify-sizes", options->verify_sizes, "... at these multiples, with commas between")
+        .delimiter(',')
+        .show_default();
+    command.add_option("--verify-only", options->verify_only, "... of these effects, with commas between")
+        .delimiter(',');
     command.callback([options, &run] { run = [options] { return gap(*options); }; });
 }
 

@@ -74,11 +74,14 @@ void add_effects(const model::EffectSet<double>& effects, std::span<const NamedE
     }
 }
 
-// The model without what was found.
+// The model without what was found, all of it: what is unknown beside a missing effect was fitted too, and this
+// file is for no robot. But what nothing moves is no number.
 std::vector<FileChange> changes_before(const Findings& f, const Request& request) {
     std::vector<FileChange> all = geometry_changes(request);
-    add_dynamics(known_k(f.before, f.before_error, unknowable(f.search.base, f.turning)),
-                 names_of(request.logs), all);
+    std::vector<std::string> none;
+    if (!f.turning) none = {"K6", "K8"};
+    if (f.search.base.shape.held_gain[kLinear]) none.emplace_back("K7");
+    add_dynamics(known_k(f.before, f.before_error, none), names_of(request.logs), all);
     add_effects(f.effects_before, {}, all);
     return all;
 }
