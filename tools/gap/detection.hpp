@@ -29,7 +29,7 @@ struct Detection {
     std::size_t named = 0;
     std::size_t confounded = 0;  // not named, but a rival of what is
     std::size_t elsewhere = 0;   // neither, and some other effect is named that was not found at first:
-    std::set<std::size_t> instead;
+    std::set<std::size_t> instead{};
 };
 
 // The motion stays what it was: the robot found, with the effect, is driven by the log's torques and by a
