@@ -190,9 +190,14 @@ std::vector<Detectable> detectable(const Evidence& evidence, const Members& foun
             d.parameters = of_coordinates(way, size, setting);
             for (std::size_t k = 0; k < way.amounts.size(); ++k) {
                 const std::size_t at = way.coordinate[k];
-                if (at < d.size.size()) d.size[at] = size(Eigen::Index(k));
+                if (model::kLinearInParameters[i]) d.size[at] = size(Eigen::Index(k));
             }
             if (way.together) d.size.assign(d.size.size(), size(0));
+            if (!model::kLinearInParameters[i]) {  // the parameters of the coordinate that needs most
+                Parameters<double> most{};
+                for (const auto& p : d.parameters(1)) most = std::abs(p[0]) > std::abs(most[0]) ? p : most;
+                if (most[0] != 0) d.size.assign(most.begin(), most.begin() + std::ptrdiff_t(d.size.size()));
+            }
         } else {
             if (is_size(middle, setting)) {
                 d.parameters = of_amounts(middle, least.of(middle), setting);

@@ -10,6 +10,7 @@
 #include "tests/support/seeds.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tests/tools/ident/temporary_file.hpp"
+#include "tools/gap/detection.hpp"
 #include "tools/gap/gap_analysis.hpp"
 #include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_heldout.hpp"
@@ -330,6 +331,25 @@ TEST(GapFindings, the_written_file_alone_makes_the_free_run_that_is_told) {
         const double told = f.heldout.back().after.both;
         DOUBLES_EQUAL(told, whole.after.both, 0);
     }
+}
+
+TEST(GapFindings, a_log_that_nothing_is_put_on_is_itself) {
+    const HiddenLog hidden =
+        test::hidden_log({"coulomb_friction", 0.08, {0.1, 0.1}}, 12, 0.01, 5, kRate_Hz);
+    const gap::SimulatedRobot robot{hidden.geometry, {0.05, -1, 0.9, 4.2}, {}, true};  // quite another
+    const tools::MeasuredLog same = gap::inject(hidden.log, robot, robot.effects, 0);
+    model::EffectSet<double> drag;
+    drag.active[model::find_effect("quadratic_drag")] = true;
+    drag.parameter[model::find_effect("quadratic_drag")][0] = 5;
+    const tools::MeasuredLog other = gap::inject(hidden.log, robot, drag, 0);
+    double apart = 0;
+    for (std::size_t i = 0; i < hidden.log.samples.size(); ++i) {
+        const WheelPair<double>& was = hidden.log.samples[i].speed_rad_per_s;
+        DOUBLES_EQUAL(was.left, same.samples[i].speed_rad_per_s.left, 1e-6);
+        DOUBLES_EQUAL(hidden.log.samples[i].torque_Nm.right, same.samples[i].torque_Nm.right, 1e-6);
+        apart = std::max(apart, std::abs(was.left - other.samples[i].speed_rad_per_s.left));
+    }
+    CHECK(apart > 0.1);
 }
 
 TEST(GapFindings, driven_straight_nothing_is_said_of_turning) {

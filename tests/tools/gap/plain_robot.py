@@ -99,8 +99,9 @@ class Robot:
         return self.wheels(self.v, self.w)
 
 
-def drive(robot, seed, duration_s, rate_Hz, noise_rad_per_s):
-    """A log of it: rows (t, torques, noisy wheel speeds), under a loop that follows random speeds, shaken."""
+def drive(robot, seed, duration_s, rate_Hz, noise_rad_per_s, spin=False):
+    """A log of it: rows (t, torques, noisy wheel speeds), under a loop that follows random speeds, shaken. `spin`:
+    the torques only turn it."""
     draw = random.Random(seed)
     rows, change_s, bit_s, v, w, bits = [], 0.0, 0.0, 0.0, 0.0, (0.0, 0.0)
     for i in range(int(duration_s * rate_Hz) + 1):
@@ -111,6 +112,8 @@ def drive(robot, seed, duration_s, rate_Hz, noise_rad_per_s):
         if t >= bit_s:
             bits, bit_s = (draw.choice((-0.5, 0.5)), draw.choice((-0.5, 0.5))), t + 0.06
         forward, turn = 2.5 * (v - robot.v), 0.6 * (w - robot.w)
+        if spin:
+            forward, bits = 0, (bits[0], -bits[0])
         torque = tuple(round(max(-3.0, min(3.0, x)), 6) for x in (forward - turn + bits[0], forward + turn + bits[1]))
         speeds = robot.wheels(robot.v, robot.w)
         rows.append((t, torque, tuple(s + draw.gauss(0, noise_rad_per_s) for s in speeds)))
