@@ -65,8 +65,7 @@ class Stepper {
 
 // What brings the robot back to a log's speeds.
 WheelPair<double> drivers_torque_Nm(const SimulatedRobot& robot, const Twist<double>& behind) {
-    const double mean =
-        robot.driving ? behind.v_m_per_s / (2 * robot.dynamics.k7_per_kg_m * kDriver_s) : 0.0;
+    const double mean = robot.driving ? behind.v_m_per_s / (2 * robot.dynamics.k7_per_kg_m * kDriver_s) : 0.0;
     const double half =
         robot.turning ? behind.omega_rad_per_s / (2 * robot.dynamics.k8_per_kg_m2 * kDriver_s) : 0.0;
     return {mean - half, mean + half};

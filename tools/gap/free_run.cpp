@@ -94,8 +94,7 @@ double free_run(const SimulatedRobot& robot, const Stretch& stretch, const Wheel
     for (std::size_t i = lead; i < stretch.first; ++i) {
         const tools::MeasuredSample& s = log.samples[i];
         plant.place(pose, model::twist_from_wheel_speeds(geometry, balanced(s.speed_rad_per_s)));
-        for (int n = 0; n < lead_steps; ++n)
-            plant.advance(log.period_s / lead_steps, balanced(s.torque_Nm));
+        for (int n = 0; n < lead_steps; ++n) plant.advance(log.period_s / lead_steps, balanced(s.torque_Nm));
     }
     const WheelPair<double> slip = balanced(slip_at_start(robot, stretch));
     WheelPair<double> rolls = balanced(start_rad_per_s);

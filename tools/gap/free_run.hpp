@@ -34,10 +34,10 @@ using TakeSpeeds = std::function<void(std::size_t sample, const WheelPair<double
 
 inline constexpr double kFineStep_s = 0.0005;
 
-// Starts at `start_rad_per_s`, and with what the second of the log before it leaves in a torque path, a castor
-// or a gap; holds the torque between samples, and gives `take` the simulated speeds at
-// each sample but the first. Sum of the squared differences to the measured ones, both wheels. Steps are not
-// longer than `step_s`; samples closer together than that are put together, with their mean torque.
+// Starts at `start_rad_per_s`, and with what the second of the log before it leaves in a torque path, a
+// castor or a gap; holds the torque between samples, and gives `take` the simulated speeds at each sample but
+// the first. Sum of the squared differences to the measured ones, both wheels. Steps are not longer than
+// `step_s`; samples closer together than that are put together, with their mean torque.
 double free_run(const SimulatedRobot& robot, const Stretch& stretch, const WheelPair<double>& start_rad_per_s,
                 const TakeSpeeds& take = {}, double step_s = kFineStep_s);
 

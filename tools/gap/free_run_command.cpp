@@ -32,7 +32,8 @@ int complain(int status, const std::string& text) {
 bool write_csv(const std::string& path, const gap::LogPart& part, const gap::SimulatedRobot& robot) {
     std::FILE* file = std::fopen(path.c_str(), "w");
     if (file == nullptr) return false;
-    std::fputs("t_s,measured_left_rad_s,measured_right_rad_s,simulated_left_rad_s,simulated_right_rad_s\n", file);
+    std::fputs("t_s,measured_left_rad_s,measured_right_rad_s,simulated_left_rad_s,simulated_right_rad_s\n",
+               file);
     gap::free_run_of(part, robot, [&](std::size_t i, const WheelPair<double>& simulated) {
         const MeasuredSample& s = part.log->samples[i];
         std::fprintf(file, "%.9g,%.12g,%.12g,%.12g,%.12g\n", s.t_s, s.speed_rad_per_s.left,
@@ -86,16 +87,21 @@ int free_run(const Options& options) {
 void add_free_run(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
     const CommandLine command = program.add_subcommand(
-        "free-run", "Drive a robot file's robot by a log's torques: how far its wheel speeds get from the log's");
+        "free-run",
+        "Drive a robot file's robot by a log's torques: how far its wheel speeds get from the log's");
     command.footer(
-        "The simulated robot is that of `wheelwright sim`. It begins with the measured speeds and then gets the\n"
-        "logged torques only; with windows it begins anew. So `wheelwright gap` found the figures on its page:\n"
+        "The simulated robot is that of `wheelwright sim`. It begins with the measured speeds and then gets "
+        "the\n"
+        "logged torques only; with windows it begins anew. So `wheelwright gap` found the figures on its "
+        "page:\n"
         "  wheelwright free-run drive.csv --robot gap/robot.extended.toml --from 32\n"
-        "says what its page says. \"Runs away\", that is farther off than a robot that stands, has no figure.");
+        "says what its page says. \"Runs away\", that is farther off than a robot that stands, has no "
+        "figure.");
     command.add_option("LOG", options->log, "A log, as `wheelwright gap` takes it").required();
     command.add_option("--robot", options->robot, "Robot file: geometry, K5..K8, effects").required();
     options->reading.add_to(command);
-    command.add_option("--from", options->from_s, "Only from this time of the log on, in seconds").values(1, 1);
+    command.add_option("--from", options->from_s, "Only from this time of the log on, in seconds")
+        .values(1, 1);
     command.add_option("--csv", options->csv, "Also write measured and simulated speeds to this file");
     command.add_option("--json", options->json, "Also write the figures to this file");
     command.callback([options, &run] { run = [options] { return free_run(*options); }; });

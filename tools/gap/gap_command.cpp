@@ -187,7 +187,8 @@ int gap(const Options& options) {
     const std::string wrong = gap::write_robots(findings, options.out);
     if (!wrong.empty()) return usage(wrong);
     gap::write_page(findings, request, options.out + "/report.html");
-    std::printf("\n%s/gap.json, robot.extended.toml, robot.before.toml and report.html are written.\n", options.out.c_str());
+    std::printf("\n%s/gap.json, robot.extended.toml, robot.before.toml and report.html are written.\n",
+                options.out.c_str());
     if (options.verify_detection > 0) verify_detection(options, request, findings);
     if (!options.interface.empty()) return write_to_robot(options, findings, request);
     return kDone;
@@ -229,10 +230,10 @@ void add_gap(const CommandLine& program, Run& run) {
     command.add_option("--can", options->interface,
                        "With --close-loop: then write what was found to the robot on this interface");
     command.add_flag("--yes", options->yes, "With --can: do not ask before writing");
-    command.add_option(
-        "--verify-detection", options->verify_detection,
-        "Put each effect that was not found on the robot that was, so many times at each of some multiples of\n"
-        "the size called detectable, and count how often it is named; also in detection.json");
+    command.add_option("--verify-detection", options->verify_detection,
+                       "Put each effect that was not found on the robot that was, so many times at each of "
+                       "some multiples of\n"
+                       "the size called detectable, and count how often it is named; also in detection.json");
     command.add_option("--verify-sizes", options->verify_sizes, "... at these multiples, with commas between")
         .delimiter(',')
         .show_default();

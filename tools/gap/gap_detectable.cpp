@@ -57,8 +57,8 @@ class Least {
         for (std::size_t k = 0; k < way.amounts.size(); ++k) {
             if (!shows(way.amounts[k])) continue;
             const double error = kOfChoosing * f.error(at++);
-            const double interest = kOfInterestTwice * least_share(more, way) * evidence_.set().torque_rms_Nm /
-                                    std::sqrt(power(way.amounts[k]));
+            const double interest = kOfInterestTwice * least_share(more, way) *
+                                    evidence_.set().torque_rms_Nm / std::sqrt(power(way.amounts[k]));
             least(Eigen::Index(k)) =
                 std::max(interest + kExceeded * error, (kClearOfZero + kExceeded) * error);
         }

@@ -8,8 +8,8 @@
 
 namespace wheelwright::gap {
 
-// The smallest size of each effect that is not among `found` and would have been named beside that, four times
-// of five: as certain as the acceptance asks, and of interest. detection.hpp puts it to the test.
+// The smallest size of each effect that is not among `found` and would have been named beside that, four
+// times of five: as certain as the acceptance asks, and of interest. detection.hpp puts it to the test.
 std::vector<Detectable> detectable(const Evidence& evidence, const Members& found);
 
 }  // namespace wheelwright::gap

@@ -8,7 +8,6 @@
 #include <sstream>
 #include <string_view>
 
-
 namespace wheelwright::gap {
 namespace {
 
@@ -67,15 +66,14 @@ void add_effects(const model::EffectSet<double>& effects, std::span<const NamedE
         if (there || !effects.active[i]) continue;
         for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
             const model::EffectParameterInfo& info = model::kEffects[i].parameters[j];
-            all.push_back(
-                {"effects." + std::string(model::kEffects[i].name) + "." + std::string(info.name),
-                 std::clamp(effects.parameter[i][j], info.minimum, info.maximum)});
+            all.push_back({"effects." + std::string(model::kEffects[i].name) + "." + std::string(info.name),
+                           std::clamp(effects.parameter[i][j], info.minimum, info.maximum)});
         }
     }
 }
 
-// The model without what was found, all of it: what is unknown beside a missing effect was fitted too, and this
-// file is for no robot. But what nothing moves is no number.
+// The model without what was found, all of it: what is unknown beside a missing effect was fitted too, and
+// this file is for no robot. But what nothing moves is no number.
 std::vector<FileChange> changes_before(const Findings& f, const Request& request) {
     std::vector<FileChange> all = geometry_changes(request);
     std::vector<std::string> none;

@@ -334,8 +334,7 @@ TEST(GapFindings, the_written_file_alone_makes_the_free_run_that_is_told) {
 }
 
 TEST(GapFindings, a_log_that_nothing_is_put_on_is_itself) {
-    const HiddenLog hidden =
-        test::hidden_log({"coulomb_friction", 0.08, {0.1, 0.1}}, 12, 0.01, 5, kRate_Hz);
+    const HiddenLog hidden = test::hidden_log({"coulomb_friction", 0.08, {0.1, 0.1}}, 12, 0.01, 5, kRate_Hz);
     const gap::SimulatedRobot robot{hidden.geometry, {0.05, -1, 0.9, 4.2}, {}, true};  // quite another
     const tools::MeasuredLog same = gap::inject(hidden.log, robot, robot.effects, 0);
     model::EffectSet<double> drag;
