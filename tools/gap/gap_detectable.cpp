@@ -47,15 +47,20 @@ class Least {
 
     // Infinite: not in this log, or the same as something that was found.
     Eigen::VectorXd of(const Way& way) const {
-        Way shown = way;  // the amounts that the log shows
-        std::erase_if(shown.amounts, [&](const Amount& amount) { return !shows(amount); });
+        Way shown = way;  // with the amounts that the log shows
+        shown.amounts.clear();
+        std::vector<std::size_t> which;
+        for (std::size_t k = 0; k < way.amounts.size(); ++k) {
+            if (!shows(way.amounts[k])) continue;
+            shown.amounts.push_back(way.amounts[k]);
+            which.push_back(k);
+        }
         Eigen::VectorXd least = Eigen::VectorXd::Constant(Eigen::Index(way.amounts.size()), kInfinity);
-        if (shown.amounts.empty()) return least;
+        if (which.empty()) return least;
         const Members more = with(found_, shown);
         const Fit f = evidence_.fit(evidence_.all(), more);
         Eigen::Index at = first_amount_of(more, more.size() - 1);
-        for (std::size_t k = 0; k < way.amounts.size(); ++k) {
-            if (!shows(way.amounts[k])) continue;
+        for (const std::size_t k : which) {
             const double error = kOfChoosing * f.error(at++);
             const double interest = kOfInterestTwice * least_share(more, way) *
                                     evidence_.set().torque_rms_Nm / std::sqrt(power(way.amounts[k]));
@@ -76,7 +81,8 @@ class Least {
     bool shows(const Amount& amount) const {
         const Blocks& blocks = evidence_.all().blocks;
         return power(amount) > 0 && likeness(blocks, without_it_, {amount}, {}) < 1 &&
-               likeness(blocks, evidence_.base_fit(), {amount}, found_amounts_) < kAlike;
+               (found_amounts_.empty() ||
+                likeness(blocks, evidence_.base_fit(), {amount}, found_amounts_) < kAlike);
     }
 
     const Evidence& evidence_;
