@@ -1,17 +1,15 @@
 // `wheelwright free-run`: a robot file, in the simulator, driven by a log's torques.
-#include <cmath>
 #include <cstdio>
-#include <fstream>
 #include <memory>
-#include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "firmware/task/robot_file.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_heldout.hpp"
 #include "tools/gap/gap_logs.hpp"
 
@@ -43,14 +41,16 @@ bool write_csv(const std::string& path, const gap::LogPart& part, const gap::Sim
 }
 
 int free_run(const Options& options) {
-    const gap::ReadBack back = gap::read_back(gap::text_of_file(options.robot), options.robot);
-    if (!back.robot) return complain(kUsage, back.problem);
-    const gap::SimulatedRobot& robot = *back.robot;
+    const task::RobotFileResult read = task::read_robot_file(options.robot);
+    if (!read.robot) return complain(kUsage, task::to_text(read.problems.front()));
+    const std::optional<gap::SimulatedRobot> known = gap::simulated_robot(*read.robot);
+    if (!known) return complain(kUsage, options.robot + ": neither K7 nor K8 is known, nor masses");
+    const gap::SimulatedRobot& robot = *known;
     LogReading reading;
     const std::string wrong = options.reading.apply(reading);
     if (!wrong.empty()) return complain(kUsage, wrong);
     reading.wheel_radius_m = robot.geometry.wheel_radius_m;
-    const gap::Logs logs = gap::read_logs({options.log}, back.file->parameters, reading);
+    const gap::Logs logs = gap::read_logs({options.log}, read.robot->parameters, reading);
     if (!logs.problems.empty()) return complain(kBadInput, logs.problems.front());
     gap::HeldOutPart wanted{options.from_s.empty(), {}};
     if (!options.from_s.empty()) wanted.from_s = options.from_s.front();

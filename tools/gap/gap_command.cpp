@@ -53,24 +53,28 @@ std::optional<task::RobotFile> read_robot(const std::string& path) {
     return std::move(result.robot);
 }
 
+// Why an option's effect is none, or "".
+std::string no_such_effect(const std::string& option, const std::string& name) {
+    if (model::find_effect(name) != model::kEffectCount) return "";
+    const auto near = [&](const model::EffectInfo& e) { return task::edit_distance(e.name, name); };
+    const auto nearest = std::min_element(model::kEffects.begin(), model::kEffects.end(),
+                                          [&](const auto& a, const auto& b) { return near(a) < near(b); });
+    std::string problem = option + " " + name + ": no effect has this name";
+    if (near(*nearest) <= std::max<std::size_t>(2, name.size() / 3))
+        return problem + "; did you mean " + std::string(nearest->name) + "?";
+    problem += "\nThe effects are";
+    for (const model::EffectInfo& e : model::kEffects) {
+        problem += (&e == &model::kEffects.front() ? " " : ", ") + std::string(e.name);
+    }
+    return problem;
+}
+
 // Why these effects cannot be left out of the search, or "".
 std::string leave_out(const std::vector<std::string>& names, gap::Request& request) {
     for (const std::string& name : names) {
+        const std::string problem = no_such_effect("--without", name);
+        if (!problem.empty()) return problem;
         const std::size_t effect = model::find_effect(name);
-        if (effect == model::kEffectCount) {
-            const auto near = [&](const model::EffectInfo& e) { return task::edit_distance(e.name, name); };
-            const auto nearest =
-                std::min_element(model::kEffects.begin(), model::kEffects.end(),
-                                 [&](const auto& a, const auto& b) { return near(a) < near(b); });
-            std::string problem = "--without " + name + ": no effect has this name";
-            if (near(*nearest) <= std::max<std::size_t>(2, name.size() / 3))
-                return problem + "; did you mean " + std::string(nearest->name) + "?";
-            problem += "\nThe effects are";
-            for (const model::EffectInfo& e : model::kEffects) {
-                problem += (&e == &model::kEffects.front() ? " " : ", ") + std::string(e.name);
-            }
-            return problem;
-        }
         if (request.robot && request.robot->effects.active[effect])
             return "--without " + name + ": the model given has it";
         request.without.push_back(effect);
@@ -157,6 +161,10 @@ int gap(const Options& options) {
     request.reading.wheel_radius_m = request.geometry.wheel_radius_m;
     const std::string kept = leave_out(options.without, request);
     if (!kept.empty()) return usage(kept);
+    for (const std::string& name : options.verify_only) {
+        const std::string problem = no_such_effect("--verify-only", name);
+        if (!problem.empty()) return usage(problem);
+    }
     std::error_code failed;
     std::filesystem::create_directories(options.out, failed);
     if (!std::filesystem::is_directory(options.out))

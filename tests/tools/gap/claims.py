@@ -102,6 +102,21 @@ class Claims(unittest.TestCase):
             self.assertAlmostEqual(own, claimed, delta=apart * claimed, msg=which)
         self.assertLess(claimed, 3 * NOISE_RAD_PER_S)
 
+    def test_what_cannot_be_run_is_said(self):
+        robot = self.path("robot.toml")
+        log = self.write_log("short.csv", [(i / 100, (0.1, 0.1), (i / 50, i / 50)) for i in range(100)])
+        for text, arguments, status, said in (
+                (None, [], 1, "robot.toml: cannot open"),
+                ("[geometry]\ntrack_m = 0.4\n", [], 1, "neither K7 nor K8 is known"),
+                ("[dynamics]\nk7_per_kg_m = 1.0\n", ["--from", 9], 2, "nothing is left to run over")):
+            if text:
+                with open(robot, "w", encoding="utf-8") as file:
+                    file.write(text)
+            done = subprocess.run([PROGRAM, "free-run", log, "--robot", robot, *map(str, arguments)], capture_output=True,
+                                  text=True, timeout=60)
+            self.assertEqual(done.returncode, status, done.stderr)
+            self.assertIn(said, done.stderr)
+
     def test_friction(self):
         self.check({"coulomb_friction": {"left_Nm": 0.2, "right_Nm": 0.2},
                     "viscous_friction": {"left_Nm_s_per_rad": 0.02, "right_Nm_s_per_rad": 0.02}},
