@@ -37,7 +37,9 @@ bool in_range(std::size_t effect, const Parameters<double>& p) {
 class Least {
   public:
     Least(const Evidence& evidence, const Members& found)
-        : evidence_(evidence), found_(found), without_it_(evidence.fit(evidence.all(), found)) {
+        : evidence_(evidence),
+          found_(found),
+          without_it_(evidence.fit(evidence.all(), found, Spread::left_out)) {
         for (const Way& way : found) {
             if (contains(evidence.base(), way.effect)) continue;
             const std::vector<Amount> its = directions(way);
@@ -58,7 +60,7 @@ class Least {
         Eigen::VectorXd least = Eigen::VectorXd::Constant(Eigen::Index(way.amounts.size()), kInfinity);
         if (which.empty()) return least;
         const Members more = with(found_, shown);
-        const Fit f = evidence_.fit(evidence_.all(), more);
+        const Fit f = evidence_.fit(evidence_.all(), more, Spread::plain);  // as the acceptance asks
         Eigen::Index at = first_amount_of(more, more.size() - 1);
         for (const std::size_t k : which) {
             const double error = kOfChoosing * f.error(at++);
