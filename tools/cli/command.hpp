@@ -34,6 +34,7 @@ void add_check(const CommandLine& program, Run& run);
 void add_ctl(const CommandLine& program, Run& run);
 void add_demo(const CommandLine& program, Run& run);
 void add_excite(const CommandLine& program, Run& run);
+void add_free_run(const CommandLine& program, Run& run);
 void add_gap(const CommandLine& program, Run& run);
 void add_gap_bench(const CommandLine& program, Run& run);
 void add_gap_exam(const CommandLine& program, Run& run);

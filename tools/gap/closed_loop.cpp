@@ -1,8 +1,8 @@
 #include "tools/gap/closed_loop.hpp"
 
-#include <algorithm>
+#include <stdexcept>
 
-#include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/gap_files.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::gap {
@@ -49,28 +49,13 @@ FigureEight figure_eight(const ClosedLoopSetup& setup, const model::RobotParamet
 ClosedLoopSetup closed_loop_setup(const Findings& f, const Request& request) {
     ClosedLoopSetup setup;
     setup.nominal = request.robot;
-    model::RobotParameters base = request.robot.value_or(model::default_parameters());
-    base.geometry = request.geometry;
-    const auto believing = [&](const model::Dynamics<double>& found,
-                               const model::EffectSet<double>& effects) {
-        model::RobotParameters robot = base;
-        robot.dynamics = found;
-        robot.effects = effects;
-        if (!request.robot) return robot;
-        const auto keep = [&](const char* name, double model::Dynamics<double>::*k) {
-            const auto& unknown = f.search.unknowable;
-            if (std::find(unknown.begin(), unknown.end(), name) != unknown.end()) {
-                robot.dynamics.*k = request.robot->dynamics.*k;
-            }
-        };
-        keep("K5", &model::Dynamics<double>::k5_m);
-        keep("K6", &model::Dynamics<double>::k6_per_m);
-        keep("K7", &model::Dynamics<double>::k7_per_kg_m);
-        keep("K8", &model::Dynamics<double>::k8_per_kg_m2);
-        return robot;
+    const auto believing = [](const std::string& text) {
+        const ReadBack back = read_back(text, "");
+        if (!back.file) throw std::runtime_error(back.problem);
+        return back.file->parameters;
     };
-    setup.before = believing(f.before, f.effects_before);
-    setup.after = believing(f.after, f.effects_after);
+    setup.before = believing(f.before_file);
+    setup.after = believing(f.extended_file);
     setup.plant.parameters = setup.after;
     setup.plant.simulation = task::default_simulation();
     return setup;

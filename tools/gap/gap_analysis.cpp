@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "tools/cli/report.hpp"
+#include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_known.hpp"
 #include "tools/gap/gap_left.hpp"
 #include "tools/gap/gap_logs.hpp"
@@ -71,22 +72,39 @@ Confusion confusion(const Search& s, const Setting& setting, double torque_rms_N
     return c;
 }
 
-Models models_of(const Search& s, const Setting& setting, bool turning,
-                 const std::optional<model::RobotParameters>& given) {
-    Models models{{},
-                  robot_of(base_members(s), s.base, setting, turning),
-                  robot_of(s.members, s.after, setting, turning)};
-    if (given) models.nominal = SimulatedRobot{setting.geometry, given->dynamics, given->effects, turning};
-    return models;
+void take_robots(Findings& findings, const Setting& setting, bool turning) {
+    const Search& s = findings.search;
+    const auto errors_of = [](const Fit& fit) {
+        return model::Dynamics<double>{fit.error(0), fit.error(1), fit.error(2), fit.error(3)};
+    };
+    const SimulatedRobot before = robot_of(base_members(s), s.base, setting, turning);
+    const SimulatedRobot after = robot_of(s.members, s.after, setting, turning);
+    findings.before = before.dynamics;
+    findings.after = after.dynamics;
+    findings.before_error = errors_of(s.base);
+    findings.after_error = errors_of(s.after);
+    findings.effects_before = before.effects;
+    findings.effects_after = after.effects;
 }
 
-void take_models(Findings& findings, const Models& models) {
-    const Fit& after = findings.search.after;
-    findings.before = models.before.dynamics;
-    findings.after = models.after.dynamics;
-    findings.after_error = {after.error(0), after.error(1), after.error(2), after.error(3)};
-    findings.effects_before = models.before.effects;
-    findings.effects_after = models.after.effects;
+// As the files say, read back.
+std::optional<Models> written_models(Findings& findings, const Request& request) {
+    make_files(findings, request);
+    if (!findings.file_problem.empty()) return std::nullopt;
+    const ReadBack before = read_back(findings.before_file, "robot.before.toml");
+    const ReadBack after = read_back(findings.extended_file, "robot.extended.toml");
+    if (!before.robot || !after.robot) {
+        findings.notes.push_back("no free run: " + (before.robot ? after.problem : before.problem));
+        return std::nullopt;
+    }
+    Models models{{}, *before.robot, *after.robot};
+    if (request.robot) {
+        models.nominal = request.robot_text.empty()
+                             ? SimulatedRobot{{}, request.robot->dynamics, request.robot->effects}
+                             : read_back(request.robot_text, "the given robot file").robot;
+        if (models.nominal) models.nominal->geometry = request.geometry;
+    }
+    return models;
 }
 
 // Mean squared whitened residual of the given model.
@@ -196,14 +214,14 @@ Findings analyse(const Request& request) {
     judge_by_sensors(search, told, request.without, track_m);
 
     // the models beside the logs
-    const Models models = models_of(search, setting, turning, request.robot);
-    take_models(findings, models);
+    take_robots(findings, setting, turning);
+    const std::optional<Models> models = written_models(findings, request);
     if (request.robot) findings.gap_nominal = gap_of(*request.robot, search, last.train);
     request.progress("free run on the held-out part");
     const WheelPair<double>& noise = overview.noise_rad_per_s;
     findings.floor_rad_per_s = std::sqrt((noise.left * noise.left + noise.right * noise.right) / 2);
-    if (parts.held_out) judge_held_out(findings, *parts.held_out, models);
-    findings.against_speed = torque_missing(logs.logs, models);
+    if (parts.held_out && models) judge_held_out(findings, *parts.held_out, *models);
+    if (models && models->after.driving) findings.against_speed = torque_missing(logs.logs, *models);
 
     std::erase_if(search.detectable, [&](const Detectable& d) {
         return std::find(request.without.begin(), request.without.end(), d.effect) != request.without.end();

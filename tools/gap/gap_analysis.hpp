@@ -24,6 +24,7 @@ struct Request {
     std::optional<double> heldout_from_s;  // of the last log; else the last fifth of it
     model::Geometry<double> geometry;
     std::optional<model::RobotParameters> robot;  // the given model
+    std::string robot_text;                       // of the robot file that it was read from
     std::vector<std::size_t> without;             // effects known not to be there; none of `robot`'s
     std::function<void(const std::string&)> progress = [](const std::string&) {};
 };
@@ -43,8 +44,10 @@ struct Findings {
     std::vector<FreeRun> heldout;
     double heldout_s = 0, heldout_from_s = 0, floor_rad_per_s = 0, heldout_rms_rad_per_s = 0;
     std::optional<double> gap_nominal;  // mean squared whitened residual of the given model
-    model::Dynamics<double> before, after, after_error;
+    model::Dynamics<double> before, before_error, after, after_error;
     model::EffectSet<double> effects_before, effects_after;
+    // The texts of robot.extended.toml and robot.before.toml (gap_files.hpp), and why there are none.
+    std::string extended_file, before_file, file_problem;
     Curve against_speed;
     Trace trace;
     std::optional<ClosedLoop> closed_loop;  // on request, by who asks

@@ -3,8 +3,10 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <functional>
 #include <memory>
 #include <optional>
+#include <thread>
 
 #include "firmware/model/effects.hpp"
 #include "firmware/task/robot_file.hpp"
@@ -13,6 +15,10 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/geometry_options.hpp"
 #include "tools/cli/log_options.hpp"
+#include "tools/cli/progress_line.hpp"
+#include "tools/cli/report.hpp"
+#include "tools/gap/detection.hpp"
+#include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_output.hpp"
 #include "tools/gap/write_parameters.hpp"
 #include "tools/logs/candump.hpp"
@@ -28,6 +34,9 @@ struct Options {
     std::string model, heldout, out, plant, interface;
     bool close_loop = false;
     bool yes = false;
+    std::size_t verify_detection = 0;
+    std::vector<std::string> verify_only;
+    std::vector<double> verify_sizes{0.3, 1, 2};
     double heldout_from_s = -1;
 };
 
@@ -44,24 +53,28 @@ std::optional<task::RobotFile> read_robot(const std::string& path) {
     return std::move(result.robot);
 }
 
+// Why an option's effect is none, or "".
+std::string no_such_effect(const std::string& option, const std::string& name) {
+    if (model::find_effect(name) != model::kEffectCount) return "";
+    const auto near = [&](const model::EffectInfo& e) { return task::edit_distance(e.name, name); };
+    const auto nearest = std::min_element(model::kEffects.begin(), model::kEffects.end(),
+                                          [&](const auto& a, const auto& b) { return near(a) < near(b); });
+    std::string problem = option + " " + name + ": no effect has this name";
+    if (near(*nearest) <= std::max<std::size_t>(2, name.size() / 3))
+        return problem + "; did you mean " + std::string(nearest->name) + "?";
+    problem += "\nThe effects are";
+    for (const model::EffectInfo& e : model::kEffects) {
+        problem += (&e == &model::kEffects.front() ? " " : ", ") + std::string(e.name);
+    }
+    return problem;
+}
+
 // Why these effects cannot be left out of the search, or "".
 std::string leave_out(const std::vector<std::string>& names, gap::Request& request) {
     for (const std::string& name : names) {
+        const std::string problem = no_such_effect("--without", name);
+        if (!problem.empty()) return problem;
         const std::size_t effect = model::find_effect(name);
-        if (effect == model::kEffectCount) {
-            const auto near = [&](const model::EffectInfo& e) { return task::edit_distance(e.name, name); };
-            const auto nearest =
-                std::min_element(model::kEffects.begin(), model::kEffects.end(),
-                                 [&](const auto& a, const auto& b) { return near(a) < near(b); });
-            std::string problem = "--without " + name + ": no effect has this name";
-            if (near(*nearest) <= std::max<std::size_t>(2, name.size() / 3))
-                return problem + "; did you mean " + std::string(nearest->name) + "?";
-            problem += "\nThe effects are";
-            for (const model::EffectInfo& e : model::kEffects) {
-                problem += (&e == &model::kEffects.front() ? " " : ", ") + std::string(e.name);
-            }
-            return problem;
-        }
         if (request.robot && request.robot->effects.active[effect])
             return "--without " + name + ": the model given has it";
         request.without.push_back(effect);
@@ -78,6 +91,37 @@ void close_loop(gap::Findings& findings, const gap::Request& request,
     findings.closed_loop->plant =
         plant ? "the simulated robot of " + std::filesystem::path(path).filename().string()
               : "a simulated robot that is what was found (no truth is known)";
+}
+
+void verify_detection(const Options& options, const gap::Request& request, const gap::Findings& findings) {
+    gap::DetectionOptions detection;
+    detection.repeats = options.verify_detection;
+    detection.only = options.verify_only;
+    detection.factors = options.verify_sizes;
+    detection.jobs = std::max(1U, std::thread::hardware_concurrency());
+    std::vector<gap::Detection> all;
+    {
+        ProgressLine line;
+        detection.progress = std::ref(line);
+        all = gap::verify_detection(request, findings, detection);
+    }
+    Report report("gap");
+    report.section("detection", "Effects put on the robot found, at multiples of the size called detectable");
+    report.table("logs", {{"effect", "effect"},
+                          {"factor", "times the size"},
+                          {"logs", "logs"},
+                          {"named", "named"},
+                          {"confounded", "as a rival"},
+                          {"elsewhere", "another named"},
+                          {"instead", "which"}});
+    for (const gap::Detection& d : all) {
+        std::string instead;
+        for (const std::size_t effect : d.instead)
+            instead += (instead.empty() ? "" : ", ") + std::string(model::kEffects[effect].name);
+        report.row({std::string(model::kEffects[d.effect].name), d.factor, std::int64_t(d.logs),
+                    std::int64_t(d.named), std::int64_t(d.confounded), std::int64_t(d.elsewhere), instead});
+    }
+    report.publish(options.out + "/detection.json");
 }
 
 int write_to_robot(const Options& options, const gap::Findings& findings, const gap::Request& request) {
@@ -102,6 +146,7 @@ int gap(const Options& options) {
         const std::optional<task::RobotFile> robot = read_robot(options.model);
         if (!robot) return kUsage;
         request.robot = robot->parameters;
+        request.robot_text = gap::text_of_file(options.model);
         request.geometry = robot->parameters.geometry;
     }
     for (const std::string& log : options.logs) {
@@ -116,6 +161,10 @@ int gap(const Options& options) {
     request.reading.wheel_radius_m = request.geometry.wheel_radius_m;
     const std::string kept = leave_out(options.without, request);
     if (!kept.empty()) return usage(kept);
+    for (const std::string& name : options.verify_only) {
+        const std::string problem = no_such_effect("--verify-only", name);
+        if (!problem.empty()) return usage(problem);
+    }
     std::error_code failed;
     std::filesystem::create_directories(options.out, failed);
     if (!std::filesystem::is_directory(options.out))
@@ -130,7 +179,8 @@ int gap(const Options& options) {
         return usage("--plant and --can belong to --close-loop");
     }
     gap::Findings findings = gap::analyse(request);
-    if (findings.problems.empty() && options.close_loop) close_loop(findings, request, plant, options.plant);
+    if (findings.problems.empty() && findings.file_problem.empty() && options.close_loop)
+        close_loop(findings, request, plant, options.plant);
 
     const std::string json_path = options.out + "/gap.json";
     std::ofstream json(json_path);
@@ -142,11 +192,12 @@ int gap(const Options& options) {
         return kBadInput;
     }
     std::fputs(gap::words(findings).c_str(), stdout);
-    const std::string wrong =
-        gap::write_robot(findings, request, options.model, options.out + "/robot.extended.toml");
+    const std::string wrong = gap::write_robots(findings, options.out);
     if (!wrong.empty()) return usage(wrong);
     gap::write_page(findings, request, options.out + "/report.html");
-    std::printf("\n%s/gap.json, robot.extended.toml and report.html are written.\n", options.out.c_str());
+    std::printf("\n%s/gap.json, robot.extended.toml, robot.before.toml and report.html are written.\n",
+                options.out.c_str());
+    if (options.verify_detection > 0) verify_detection(options, request, findings);
     if (!options.interface.empty()) return write_to_robot(options, findings, request);
     return kDone;
 }
@@ -187,6 +238,15 @@ void add_gap(const CommandLine& program, Run& run) {
     command.add_option("--can", options->interface,
                        "With --close-loop: then write what was found to the robot on this interface");
     command.add_flag("--yes", options->yes, "With --can: do not ask before writing");
+    command.add_option("--verify-detection", options->verify_detection,
+                       "Put each effect that was not found on the robot that was, so many times at each of "
+                       "some multiples of\n"
+                       "the size called detectable, and count how often it is named; also in detection.json");
+    command.add_option("--verify-sizes", options->verify_sizes, "... at these multiples, with commas between")
+        .delimiter(',')
+        .show_default();
+    command.add_option("--verify-only", options->verify_only, "... of these effects, with commas between")
+        .delimiter(',');
     command.callback([options, &run] { run = [options] { return gap(*options); }; });
 }
 

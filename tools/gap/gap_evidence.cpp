@@ -93,6 +93,11 @@ bool surely_less(const std::vector<double>& first, const std::vector<double>& se
     return sum > kTrifle * of && surely_positive(gain, kSignificance);
 }
 
+double least_share(const Members& members, const Way& way) {
+    const bool usual = std::find(kFrictions.begin(), kFrictions.end(), way.effect) != kFrictions.end();
+    return members.size() > 1 && !usual ? kSizeOfInterest : kSizeOfInterestAlone;
+}
+
 std::size_t unknowns(const Way& way) {
     return way.kind == Way::Kind::linear ? way.amounts.size() : model::kEffects[way.effect].parameters.size();
 }

@@ -41,6 +41,9 @@ std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t
 void note_point(const Members& members, std::size_t member, const Fit& fit, const Setting& setting,
                 Points& points);
 
+// Of the torque, that the torque of the members' last is to be.
+double least_share(const Members& members, const Way& way);
+
 // Parameters to choose.
 std::size_t unknowns(const Way& way);
 std::size_t unknowns(const Members& members);

@@ -95,6 +95,11 @@ std::vector<FreeRun> free_runs(const LogPart& part, const Models& models) {
     return runs;
 }
 
+void free_run_of(const LogPart& part, const SimulatedRobot& robot, const TakeSpeeds& take) {
+    free_run(robot, {part.log, part.first, part.end, part.initial_heading_rad},
+             part.log->samples[part.first].speed_rad_per_s, take);
+}
+
 Trace trace_of(const LogPart& part, const Models& models) {
     constexpr double kShown_s = 10;
     const MeasuredLog& log = *part.log;

@@ -45,6 +45,9 @@ struct Models {
 // measured speeds. Costs a simulation of the part for each model and length.
 std::vector<FreeRun> free_runs(const LogPart& part, const Models& models);
 
+// One free run over the whole part, from its first measured speeds.
+void free_run_of(const LogPart& part, const SimulatedRobot& robot, const TakeSpeeds& take);
+
 // The first ten seconds, before and after.
 Trace trace_of(const LogPart& part, const Models& models);
 

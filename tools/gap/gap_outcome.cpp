@@ -198,47 +198,6 @@ double closed_share(const Blocks& held_out, const Search& found) {
     return closable > 0 ? std::clamp((before - after) / closable, -1.0, 1.0) : 0.0;
 }
 
-std::vector<Detectable> detectable(const Evidence& evidence) {
-    std::vector<Detectable> all_effects;
-    const double infinity = std::numeric_limits<double>::infinity();
-    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        const std::vector<Way> all = evidence.ways(i);
-        if (all.empty() || contains(evidence.base(), i)) continue;
-        const bool linear = all.front().kind == Way::Kind::linear;
-        const Way& way = linear ? all.front() : all[all.size() / 2];
-        if (way.kind == Way::Kind::focus) continue;  // the look at the grid has told
-        const Members more = with(evidence.base(), way);
-        const Fit f = evidence.fit(evidence.all(), more);
-        const Eigen::Index first = first_amount_of(more, more.size() - 1);
-        Eigen::VectorXd least(way.amounts.size());
-        for (std::size_t k = 0; k < way.amounts.size(); ++k) {
-            double power = 0;
-            for (const int c : way.amounts[k].columns) {
-                for (const int c2 : way.amounts[k].columns) power += evidence.set().wheel_power(c, c2);
-            }
-            const bool excited =
-                power > 0 && likeness(evidence.all().blocks, evidence.base_fit(), {way.amounts[k]}, {}) < 1;
-            const double interest =
-                power > 0 ? kSizeOfInterestAlone * evidence.set().torque_rms_Nm / std::sqrt(power) : infinity;
-            least(Eigen::Index(k)) =
-                excited ? std::max(interest, 4.5 * f.error(first + Eigen::Index(k))) : infinity;
-        }
-        Detectable d;
-        d.effect = i;
-        if (linear) {
-            for (Eigen::Index k = 0; k < least.size(); ++k) d.size.push_back(least(k));
-            if (way.together) d.size.push_back(least(0));
-        } else if (least.allFinite()) {
-            const auto p = parameters_of(way, least, evidence.dictionary().setting()).first;
-            d.size.assign(p.begin(), p.begin() + std::ptrdiff_t(model::kEffects[i].parameters.size()));
-        } else {
-            d.size.assign(model::kEffects[i].parameters.size(), infinity);
-        }
-        all_effects.push_back(d);
-    }
-    return all_effects;
-}
-
 void judge(const Evidence& evidence, Search& found) {
     const bool much_left = (found.left_torque_share > evidence.options().large_gap &&
                             found.left_torque_share > 0.5 * found.closable_torque_share) ||

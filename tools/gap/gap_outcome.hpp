@@ -20,10 +20,6 @@ void describe_effects(const Evidence& evidence, const std::map<std::size_t, doub
 // that were fitted to.
 double closed_share(const Blocks& held_out, const Search& found);
 
-// The smallest size of each effect that the blocks could have shown beside the base: as certain as the
-// acceptance asks, and of interest.
-std::vector<Detectable> detectable(const Evidence& evidence);
-
 // `verdict` and its `reason`, from all else.
 void judge(const Evidence& evidence, Search& found);
 

@@ -2,13 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 #include <numbers>
 
-#include "firmware/task/robot_file.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/gap/gap_files.hpp"
 #include "tools/gap/motions.hpp"
 
 namespace wheelwright::gap {
@@ -30,27 +28,6 @@ std::string error_text(double error_rad_per_s) {
 }
 
 Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
-
-struct KFigure {
-    const char* key;
-    const char* unit;
-    double value, error, nominal;
-};
-std::array<KFigure, 4> k_figures(const Findings& f, const Request& request) {
-    model::Dynamics<double> n;
-    if (request.robot) n = request.robot->dynamics;
-    return {
-        {{"k5_m", "m", f.after.k5_m, f.after_error.k5_m, n.k5_m},
-         {"k6_per_m", "1/m", f.after.k6_per_m, f.after_error.k6_per_m, n.k6_per_m},
-         {"k7_per_kg_m", "1/(kg m)", f.after.k7_per_kg_m, f.after_error.k7_per_kg_m, n.k7_per_kg_m},
-         {"k8_per_kg_m2", "1/(kg m^2)", f.after.k8_per_kg_m2, f.after_error.k8_per_kg_m2, n.k8_per_kg_m2}}};
-}
-bool is_unknowable(const Findings& f, const char* key) {
-    for (const std::string& name : f.search.unknowable) {
-        if (std::string(key).substr(1, 1) == name.substr(1)) return true;
-    }
-    return false;
-}
 
 }  // namespace
 
@@ -173,15 +150,16 @@ std::string json(const Findings& f, const Request& request) {
         out["effects"].push_back(effect);
     }
     Json shift = Json::object();
-    for (const KFigure& k : k_figures(f, request)) {
-        if (is_unknowable(f, k.key)) continue;
+    for (const KFigure& k : known_k(f.after, f.after_error, s.unknowable)) {
         Json one{{"value", number(k.value)},
                  {"standard_error", number(k.error)},
                  {"interval_95", {number(k.value - 2 * k.error), number(k.value + 2 * k.error)}},
                  {"unit", k.unit}};
         if (request.robot) {
-            one["given"] = number(k.nominal);
-            one["shift"] = number(k.value - k.nominal);
+            const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
+            const double given = info->get(*request.robot);
+            one["given"] = number(given);
+            one["shift"] = number(k.value - given);
         }
         shift[k.key] = one;
     }
@@ -281,68 +259,6 @@ std::string json(const Findings& f, const Request& request) {
     }
     out["log"] = log;
     return out.dump(2) + "\n";
-}
-
-std::vector<task::FileChange> changes(const Findings& f, const Request& request) {
-    std::string names;
-    for (const std::string& log : request.logs) {
-        names += (names.empty() ? "" : ", ") + std::filesystem::path(log).filename().string();
-    }
-    std::vector<task::FileChange> all;
-    for (const KFigure& k : k_figures(f, request)) {
-        if (is_unknowable(f, k.key)) continue;
-        const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
-        if (info == nullptr || k.value < info->minimum || k.value > info->maximum) continue;
-        // a robot file holds no K6 without K5
-        if (k.key == std::string_view("k6_per_m") && all.empty()) continue;
-        all.push_back({"dynamics." + std::string(k.key), k.value});
-        all.push_back({"dynamics_standard_error." + std::string(k.key), k.error});
-    }
-    all.push_back({"dynamics.log", names});
-    for (const NamedEffect& e : f.search.effects) {
-        const model::EffectInfo& info = model::kEffects[e.effect];
-        const std::string table = "effects." + name_of(e.effect) + ".";
-        for (std::size_t j = 0; j < e.parameters.size(); ++j) {
-            // what the free run was made with: beside this K7 the wheels' rotation belongs to the mass
-            const double value = f.effects_after.active[e.effect] ? f.effects_after.parameter[e.effect][j]
-                                                                  : e.parameters[j].value;
-            all.push_back({table + std::string(info.parameters[j].name), value});
-            all.push_back({table + std::string(info.parameters[j].name) + "_standard_error",
-                           e.parameters[j].standard_error});
-        }
-        all.push_back({table + "log", names});
-    }
-    // Effects that the given model had already were fitted anew with the rest.
-    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        const bool named = std::any_of(f.search.effects.begin(), f.search.effects.end(),
-                                       [&](const NamedEffect& e) { return e.effect == i; });
-        if (named || !f.effects_after.active[i]) continue;
-        for (std::size_t j = 0; j < model::kEffects[i].parameters.size(); ++j) {
-            const model::EffectParameterInfo& info = model::kEffects[i].parameters[j];
-            all.push_back({"effects." + name_of(i) + "." + std::string(info.name),
-                           std::clamp(f.effects_after.parameter[i][j], info.minimum, info.maximum)});
-        }
-    }
-    return all;
-}
-
-std::string write_robot(const Findings& f, const Request& request, const std::string& model_path,
-                        const std::string& path) {
-    std::error_code failed;
-    std::filesystem::remove(path, failed);
-    std::ofstream file(path);
-    if (model_path.empty()) {
-        const model::Geometry<double>& g = request.geometry;
-        file << "[geometry]\nwheel_radius_m = { left = " << number_text(g.wheel_radius_m.left, 9)
-             << ", right = " << number_text(g.wheel_radius_m.right, 9)
-             << " }\ntrack_m = " << number_text(g.track_m, 9) << "\n";
-    } else {
-        std::ifstream given(model_path);
-        file << given.rdbuf();
-    }
-    file.close();
-    if (!file) return path + " cannot be written";
-    return task::save_robot_file(path, changes(f, request));
 }
 
 }  // namespace wheelwright::gap

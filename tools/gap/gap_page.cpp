@@ -106,7 +106,7 @@ void key_figures(report::Page& page, const Findings& f) {
     page.figures(figures);
 }
 
-void measured_against_simulated(report::Page& page, const Findings& f) {
+void measured_against_simulated(report::Page& page, const Findings& f, const Request& request) {
     if (f.heldout.empty()) return;
     Section& s = page.section("Measured against simulated");
     s.text(
@@ -116,7 +116,14 @@ void measured_against_simulated(report::Page& page, const Findings& f) {
         "measured speeds and then gets the logged torques only, so its errors add up as they would in use. "
         "`before`: the model with its motion parameters K5..K8 fitted anew to the rest of the log. `after`: "
         "with "
-        "what was found beside them.");
+        "what was found beside them. Both are the robots of the files beside this page, read back; " +
+        code("wheelwright free-run " +
+             std::filesystem::path(request.heldout_log.empty() ? request.logs.back() : request.heldout_log)
+                 .filename()
+                 .string() +
+             " --robot robot.extended.toml" +
+             (request.heldout_log.empty() ? " --from " + number_text(f.heldout_from_s, 15) : "")) +
+        " says it again, with " + code("robot.before.toml") + " what was before.");
     const Trace& t = f.trace;
     const auto error = [&](const std::vector<double>& simulated) {
         std::vector<double> e;
@@ -168,8 +175,7 @@ void measured_against_simulated(report::Page& page, const Findings& f) {
     }
 }
 
-void where(report::Page& page, const Findings& f) {
-    Section& s = page.section("Where they part");
+void missing_torque(Section& s, const Curve& curve) {
     s.text(
         "From each tenth of a second: how much torque would have to be added to the model to make it do what "
         "the robot "
@@ -181,12 +187,17 @@ void where(report::Page& page, const Findings& f) {
     s.chart({.title = "Torque that is missing",
              .x = {"mean wheel speed / (rad/s)"},
              .y = {"torque per wheel / Nm"},
-             .series = {{"before", f.against_speed.x, f.against_speed.before},
-                        {"after", f.against_speed.x, f.against_speed.after}},
+             .series = {{"before", curve.x, curve.before}, {"after", curve.x, curve.after}},
              .levels = {{"nothing missing", 0}},
              .caption = "Means in bins of wheel speed, both wheels together.",
              .summary = "Missing torque against wheel speed, before and after, in " +
-                        std::to_string(f.against_speed.x.size()) + " bins."});
+                        std::to_string(curve.x.size()) + " bins."});
+}
+
+void where(report::Page& page, const Findings& f) {
+    if (f.against_speed.x.empty() && f.search.where.empty()) return;
+    Section& s = page.section("Where they part");
+    if (!f.against_speed.x.empty()) missing_torque(s, f.against_speed);
     if (f.search.where.empty()) return;
     s.text(
         "Before anything is named, the difference is compared with everything the motion offers. The shares "
@@ -338,9 +349,11 @@ void unknown(report::Page& page, const Findings& f) {
         s.text("This log says nothing of " + all + ": the robot did not move in a way in which they matter.");
     }
     s.text(
-        "The smallest size of each effect that would have been named, had it been there. Smaller ones may be "
-        "there "
-        "unseen; `not in this log` means that no size would have shown.");
+        "The smallest size of each effect that would have been named four times of five, had it been there, "
+        "or "
+        "would be a rival of what is. Smaller ones may be there unseen; `not in this log` means that no size "
+        "would have shown. " +
+        code("wheelwright gap --verify-detection") + " puts them to the test.");
     report::Table table{"", {{"effect"}, {"parameter"}, {"smallest size", true}, {"unit"}}, {}};
     for (const Detectable& d : f.search.detectable) {
         const model::EffectInfo& info = model::kEffects[d.effect];
@@ -374,7 +387,7 @@ void about(report::Page& page, const Findings& f, const Request& request) {
 void write_page(const Findings& f, const Request& request, const std::string& path) {
     report::Page page(title(f.search), lead(f.search));
     key_figures(page, f);
-    measured_against_simulated(page, f);
+    measured_against_simulated(page, f, request);
     where(page, f);
     missing(page, f);
     if (f.closed_loop) closed_loop(page, *f.closed_loop);

@@ -5,17 +5,13 @@
 #include <map>
 #include <numeric>
 
+#include "tools/gap/gap_detectable.hpp"
 #include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_statistics.hpp"
 
 namespace wheelwright::gap {
 namespace {
-
-double least_share(const Members& members, const Way& way) {
-    const bool usual = std::find(kFrictions.begin(), kFrictions.end(), way.effect) != kFrictions.end();
-    return members.size() > 1 && !usual ? kSizeOfInterest : kSizeOfInterestAlone;
-}
 
 class Searcher {
   public:
@@ -32,7 +28,6 @@ class Searcher {
         result_.base = evidence_.base_fit();
         result_.gap_refit = evidence_.cross_validated(all_, members_) / evidence_.rows();
         result_.floor = floor_of(members_);
-        result_.detectable = detectable(evidence_);
         result_.friction = evidence_.friction();
         begin_with_friction();
         forward();
@@ -48,6 +43,7 @@ class Searcher {
         result_.closable_torque_share = evidence_.torque_share(result_.gap_refit - result_.floor);
         result_.left_torque_share = evidence_.torque_share(result_.gap_after - result_.floor);
         result_.members = members_;
+        result_.detectable = detectable(evidence_, members_);
         result_.base_members = base_members_;
         for (std::size_t i = 0; i < members_.size(); ++i) note(members_, i, result_.after);
         describe_effects(evidence_, probability_, result_);

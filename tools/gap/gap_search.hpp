@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -52,8 +53,9 @@ struct Place {
 
 struct Detectable {
     std::size_t effect = 0;
-    std::vector<double> size;  // by parameter, or by coordinate where those
-                               // differ; infinite: not in this log
+    std::vector<double> size;  // by parameter; infinite: not in this log
+    // The effect at so many times that size; each coordinate that the log shows by itself.
+    std::function<std::vector<model::Parameters<double>>(double factor)> parameters;
 };
 
 struct SearchOptions {

@@ -66,25 +66,15 @@ void take_json(const Json& json, GapAnswer& answer) {
     if (stated.is_number()) answer.stated_rms_rad_per_s = stated.get<double>();
 }
 
-// The robot that was written. Where its turning is not known it goes straight, with any inertia.
 std::optional<gap::SimulatedRobot> written_robot(const std::string& path, std::string& refusal) {
     const task::RobotFileResult read = task::read_robot_file(path);
     if (!read.robot) {
         refusal = "no model: " + (read.problems.empty() ? path : task::to_text(read.problems.front()));
         return std::nullopt;
     }
-    const task::RobotFile& file = *read.robot;
-    if (!file.is_given("dynamics.k7_per_kg_m")) {
-        refusal = "no model: K7 is not known";
-        return std::nullopt;
-    }
-    gap::SimulatedRobot robot{file.parameters.geometry, file.parameters.dynamics, file.parameters.effects,
-                              file.is_given("dynamics.k8_per_kg_m2")};
-    if (!robot.turning) {
-        robot.dynamics.k5_m = robot.dynamics.k6_per_m = 0;
-        robot.dynamics.k8_per_kg_m2 = 4 * robot.dynamics.k7_per_kg_m / robot.geometry.track_m;
-    }
-    return robot;
+    const std::optional<gap::SimulatedRobot> robot = gap::simulated_robot(*read.robot);
+    if (!robot || !robot->driving) refusal = "no model: K7 is not known";
+    return refusal.empty() ? robot : std::nullopt;
 }
 
 // Of both wheels' mean, and over both wheels.

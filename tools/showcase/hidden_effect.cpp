@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string_view>
 
+#include "tools/gap/gap_files.hpp"
 #include "tools/gap/gap_output.hpp"
 
 namespace wheelwright::tools {
@@ -79,6 +80,7 @@ void HiddenEffect::run(const task::RobotFile& robot, const std::string& robot_pa
     tell(0.6);
     request.logs = {options.log_path};
     request.robot = robot.parameters;
+    request.robot_text = gap::text_of_file(robot_path);
     request.geometry = robot.parameters.geometry;
     findings = gap::analyse(request);
     tell(0.8);
@@ -92,7 +94,7 @@ void HiddenEffect::run(const task::RobotFile& robot, const std::string& robot_pa
     findings.closed_loop->plant = "the simulated robot that hides " + name();
     std::ofstream json(folder + "/gap.json");
     json << gap::json(findings, request);
-    problem = gap::write_robot(findings, request, robot_path, folder + "/robot.extended.toml");
+    problem = gap::write_robots(findings, folder);
     gap::write_page(findings, request, folder + "/report.html");
     tell(1);
 }
