@@ -10,6 +10,7 @@
 #include "tools/gap/gap_left.hpp"
 #include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_looks.hpp"
+#include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_models.hpp"
 #include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_rivals.hpp"
@@ -53,6 +54,16 @@ LeftOptions left_options(const Looks& looks, std::span<const LogPart> training, 
     options.blocks = looks.block_options();
     options.turning = looks.turning();
     return options;
+}
+
+// Intervals are as wide as other estimates of the same differ, `weak` among them: the fit before it was
+// refined.
+void take_misfit(Search& search, const Fit& weak, const Look& last) {
+    const std::vector<int> shapes = last.dictionary.rich_columns_of("low wheel speed");
+    const Eigen::VectorXd refined_by = search.after.value - weak.value;
+    search.after.covariance +=
+        misfit_covariance(last.train, last.colour, weak, shapes) + refined_by * refined_by.transpose();
+    take_refined(search, last.dictionary.setting());
 }
 
 // The robot found, for motions that would tell what it was named for from something else. `setting`, here and
@@ -187,7 +198,9 @@ Findings analyse(const Request& request) {
     const BlockSet held_out = looks.held_out();
     search.closable_share = closed_share(pointers(held_out), search);
     look_at_what_is_left(search, left_options(looks, parts.training, known));
+    const Fit weak = search.after;
     refine(search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
+    take_misfit(search, weak, last);
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
     name_unmeasured(search.effects, known_effects);

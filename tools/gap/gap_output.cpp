@@ -9,6 +9,7 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/gap/gap_statistics.hpp"
 #include "tools/gap/motions.hpp"
 
 namespace wheelwright::gap {
@@ -173,12 +174,14 @@ std::string json(const Findings& f, const Request& request) {
         out["effects"].push_back(effect);
     }
     Json shift = Json::object();
+    const double quantile = interval_quantile(s.blocks);
     for (const KFigure& k : k_figures(f, request)) {
         if (is_unknowable(f, k.key)) continue;
-        Json one{{"value", number(k.value)},
-                 {"standard_error", number(k.error)},
-                 {"interval_95", {number(k.value - 2 * k.error), number(k.value + 2 * k.error)}},
-                 {"unit", k.unit}};
+        Json one{
+            {"value", number(k.value)},
+            {"standard_error", number(k.error)},
+            {"interval_95", {number(k.value - quantile * k.error), number(k.value + quantile * k.error)}},
+            {"unit", k.unit}};
         if (request.robot) {
             one["given"] = number(k.nominal);
             one["shift"] = number(k.value - k.nominal);
