@@ -5,9 +5,12 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cstddef>
+#include <optional>
 #include <span>
 
 #include "tools/gap/gap_blocks.hpp"
+#include "tools/gap/gap_search.hpp"
 
 namespace wheelwright::gap {
 
@@ -16,5 +19,10 @@ namespace wheelwright::gap {
 // blocks are those that `fit` was fitted to.
 Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, const Fit& fit,
                                   std::span<const int> shapes);
+
+// A member of `found` that with that is not sure any more, over the catalogue: how much of it there seems to
+// be hangs on how it is looked at. The least sure one. Not the usual friction, nor what comes late.
+std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
+                                            std::span<const int> shapes);
 
 }  // namespace wheelwright::gap
