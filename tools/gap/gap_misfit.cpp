@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <string>
 #include <vector>
 
 #include "tools/gap/gap_evidence.hpp"
@@ -24,57 +27,84 @@ bool is_among(std::span<const std::size_t> effects, std::size_t effect) {
     return std::find(effects.begin(), effects.end(), effect) != effects.end();
 }
 
-// All blocks as one, of the columns that a model has.
-Block whole(const BlockSet& set, const Colour& colour, const ModelShape& shape, double powers_off) {
-    const Eigen::Index y = set.wheel_power.cols();
+// A model with the blocks that it is fitted to: these have its columns only.
+struct Posed {
+    ModelShape shape;
+    std::vector<Block> blocks;
+
+    Fit fitted(Spread spread) const {
+        Blocks all;
+        for (const Block& block : blocks) all.push_back(&block);
+        return fit(all, shape, spread);
+    }
+};
+
+Posed posed(const BlockSet& set, const Colour& colour, const ModelShape& shape, double powers_off) {
     std::vector<int> columns{Dictionary::kProduct, Dictionary::kTorque};
     for (const Amount& amount : shape.amounts)
         columns.insert(columns.end(), amount.columns.begin(), amount.columns.end());
     columns.insert(columns.end(), shape.fixed.begin(), shape.fixed.end());
-    columns.push_back(static_cast<int>(y));
+    columns.push_back(static_cast<int>(set.wheel_power.cols()));  // what was measured
     std::sort(columns.begin(), columns.end());
     columns.erase(std::unique(columns.begin(), columns.end()), columns.end());
-    Block sum;
-    for (std::size_t e = 0; e < kEquations; ++e) {
-        sum.product[e] = Eigen::MatrixXd::Zero(y + 1, y + 1);
-        for (const Block& block : set.blocks) {
+    Posed made{shape, {}};
+    const auto renumber = [&](std::vector<int>& some) {
+        for (int& c : some)
+            c = static_cast<int>(std::lower_bound(columns.begin(), columns.end(), c) - columns.begin());
+    };
+    for (Amount& amount : made.shape.amounts) renumber(amount.columns);
+    renumber(made.shape.fixed);
+    for (const Block& block : set.blocks) {
+        Block& own = made.blocks.emplace_back();
+        own.rows = block.rows;
+        own.period_s = block.period_s;
+        for (std::size_t e = 0; e < kEquations; ++e) {
             Eigen::MatrixXd rows = block.row[e](Eigen::all, columns);
             for (Eigen::Index k = 0; k < rows.rows(); ++k) {
                 const double frequency_Hz = double(k + 1) * block.first_Hz;
                 rows.row(k) /= std::sqrt(colour.power(e, frequency_Hz) * std::pow(frequency_Hz, powers_off));
             }
-            sum.product[e](columns, columns) += times_itself(rows.transpose());
-            sum.rows[e] += block.rows[e];
+            own.product[e] = times_itself(rows.transpose());
         }
     }
-    sum.period_s = set.blocks.front().period_s;
-    return sum;
+    return made;
+}
+
+std::vector<Fit> other_fits(const BlockSet& set, const Colour& colour, const ModelShape& shape,
+                            std::span<const int> shapes, Spread spread) {
+    std::vector<Fit> fits;
+    for (const double off : {kPowersOff, -kPowersOff})
+        fits.push_back(posed(set, colour, shape, off).fitted(spread));
+    for (const int column : shapes) {
+        ModelShape more = shape;
+        more.amounts.push_back({{column}});
+        fits.push_back(posed(set, colour, more, 0).fitted(spread));
+    }
+    return fits;
+}
+
+Eigen::MatrixXd covariance_of(const std::vector<Fit>& others, const Fit& usual) {
+    const Eigen::Index n = usual.value.size();
+    Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
+    for (const Fit& other : others) {
+        const Eigen::VectorXd moved = other.value.head(n) - usual.value;
+        covariance += moved * moved.transpose();
+    }
+    return covariance;
 }
 
 }  // namespace
 
 Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, const Fit& found,
                                   std::span<const int> shapes) {
-    const auto estimate = [&](const ModelShape& shape, double powers_off) {
-        const Block block = whole(set, colour, shape, powers_off);
-        return Eigen::VectorXd(fit({&block}, shape, Spread::left_out).value.head(found.value.size()));
-    };
-    const Eigen::VectorXd usual = estimate(found.shape, 0);
-    std::vector<Eigen::VectorXd> others{estimate(found.shape, kPowersOff),
-                                        estimate(found.shape, -kPowersOff)};
-    for (const int column : shapes) {
-        ModelShape more = found.shape;
-        more.amounts.push_back({{column}});
-        others.push_back(estimate(more, 0));
-    }
-    Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(usual.size(), usual.size());
-    for (const Eigen::VectorXd& other : others) covariance += (other - usual) * (other - usual).transpose();
-    return covariance;
+    const Fit usual = posed(set, colour, found.shape, 0).fitted(Spread::left_out);
+    return covariance_of(other_fits(set, colour, found.shape, shapes, Spread::left_out), usual);
 }
 
 std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
                                             std::span<const int> shapes) {
-    double most = kSignificance / double(model::kEffectCount);
+    constexpr double kMost = kSignificance / double(model::kEffectCount);
+    double most = kMost;
     std::optional<std::size_t> least_sure;
     Eigen::Index at = kFirstAmount + 1;  // after the timing
     for (std::size_t i = 0; i < found.members.size(); ++i) {
@@ -90,13 +120,19 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         const auto begin = shape.amounts.begin() + (first - kFirstAmount);
         shape.amounts.insert(shape.amounts.erase(begin, begin + had), whole.begin(), whole.end());
         for (const int c : way.fixed) shape.fixed.erase(std::find(shape.fixed.begin(), shape.fixed.end(), c));
-        const Fit f = fit(pointers(set), shape);
-        const Eigen::MatrixXd covariance = f.covariance + misfit_covariance(set, colour, f, shapes);
         const auto n = static_cast<Eigen::Index>(whole.size());
         const double degrees = std::max(1.0, double(set.blocks.size()) - 4 - double(n));
-        const double probability =
-            wald_probability(f.value.segment(first, n), covariance.block(first, first, n, n), degrees);
-        if (!(probability > most)) continue;
+        const auto probability_of = [&](const Fit& f, const Eigen::MatrixXd& covariance) {
+            return wald_probability(f.value.segment(first, n), covariance.block(first, first, n, n), degrees);
+        };
+        const Fit usual = fit(pointers(set), shape);
+        const std::vector<Fit> others = other_fits(set, colour, shape, shapes, Spread::known);
+        const double probability = probability_of(usual, usual.covariance + covariance_of(others, usual));
+        const bool in_all = std::all_of(others.begin(), others.end(), [&](const Fit& other) {
+            return other.value.segment(first, n).dot(usual.value.segment(first, n)) > 0 &&
+                   probability_of(other, other.covariance) <= kMost;
+        });
+        if (in_all || !(probability > most)) continue;
         most = probability;
         least_sure = way.effect;
     }

@@ -20,8 +20,9 @@ namespace wheelwright::gap {
 Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, const Fit& fit,
                                   std::span<const int> shapes);
 
-// A member of `found` that with that is not sure any more, over the catalogue: how much of it there seems to
-// be hangs on how it is looked at. The least sure one. Not the usual friction, nor what comes late.
+// A member of `found` that is not sure any more, over the catalogue, with that, nor sure in each of the other
+// estimates by itself: how much of it there seems to be hangs on how it is looked at. The least sure one. Not
+// the usual friction, nor what comes late.
 std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
                                             std::span<const int> shapes);
 
