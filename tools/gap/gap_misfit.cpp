@@ -1,5 +1,6 @@
 #include "tools/gap/gap_misfit.hpp"
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -127,7 +128,16 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         };
         const Fit usual = fit(pointers(set), shape);
         const std::vector<Fit> others = other_fits(set, colour, shape, shapes, Spread::known);
-        const double probability = probability_of(usual, usual.covariance + covariance_of(others, usual));
+        Eigen::MatrixXd covariance = usual.covariance;
+        for (const Fit& other : others) {
+            // less what chance moves it by
+            const Eigen::VectorXd moved = (other.value.head(usual.value.size()) - usual.value);
+            const Eigen::VectorXd own = moved.segment(first, n);
+            const double chances =
+                own.dot(other.covariance.block(first, first, n, n).ldlt().solve(own)) / double(n);
+            if (chances > 1) covariance += (1 - 1 / chances) * moved * moved.transpose();
+        }
+        const double probability = probability_of(usual, covariance);
         const bool in_all = std::all_of(others.begin(), others.end(), [&](const Fit& other) {
             return other.value.segment(first, n).dot(usual.value.segment(first, n)) > 0 &&
                    probability_of(other, other.covariance) <= kMost;
