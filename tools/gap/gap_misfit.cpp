@@ -1,10 +1,8 @@
 #include "tools/gap/gap_misfit.hpp"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <string>
 #include <vector>
@@ -33,10 +31,10 @@ struct Posed {
     ModelShape shape;
     std::vector<Block> blocks;
 
-    Fit fitted(Spread spread) const {
+    Fit fitted() const {
         Blocks all;
         for (const Block& block : blocks) all.push_back(&block);
-        return fit(all, shape, spread);
+        return fit(all, shape);
     }
 };
 
@@ -72,23 +70,32 @@ Posed posed(const BlockSet& set, const Colour& colour, const ModelShape& shape, 
 }
 
 std::vector<Fit> other_fits(const BlockSet& set, const Colour& colour, const ModelShape& shape,
-                            std::span<const int> shapes, Spread spread) {
+                            std::span<const int> shapes) {
     std::vector<Fit> fits;
     for (const double off : {kPowersOff, -kPowersOff})
-        fits.push_back(posed(set, colour, shape, off).fitted(spread));
+        fits.push_back(posed(set, colour, shape, off).fitted());
     for (const int column : shapes) {
         ModelShape more = shape;
         more.amounts.push_back({{column}});
-        fits.push_back(posed(set, colour, more, 0).fitted(spread));
+        fits.push_back(posed(set, colour, more, 0).fitted());
     }
     return fits;
 }
+
+// An estimate by rows that tell little of a parameter, of so many times the usual one's standard error, is
+// off by chance first: it counts as far as it is off by more.
+constexpr double kUnsure = 3;
 
 Eigen::MatrixXd covariance_of(const std::vector<Fit>& others, const Fit& usual) {
     const Eigen::Index n = usual.value.size();
     Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(n, n);
     for (const Fit& other : others) {
-        const Eigen::VectorXd moved = other.value.head(n) - usual.value;
+        Eigen::VectorXd moved = other.value.head(n) - usual.value;
+        for (Eigen::Index i = 0; i < n; ++i) {
+            if (other.error(i) <= kUnsure * usual.error(i)) continue;
+            const double chance = other.error(i) / moved(i);
+            moved(i) *= std::sqrt(std::max(0.0, 1 - chance * chance));
+        }
         covariance += moved * moved.transpose();
     }
     return covariance;
@@ -98,8 +105,8 @@ Eigen::MatrixXd covariance_of(const std::vector<Fit>& others, const Fit& usual) 
 
 Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, const Fit& found,
                                   std::span<const int> shapes) {
-    const Fit usual = posed(set, colour, found.shape, 0).fitted(Spread::left_out);
-    return covariance_of(other_fits(set, colour, found.shape, shapes, Spread::left_out), usual);
+    const Fit usual = posed(set, colour, found.shape, 0).fitted();
+    return covariance_of(other_fits(set, colour, found.shape, shapes), usual);
 }
 
 std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
@@ -127,17 +134,8 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
             return wald_probability(f.value.segment(first, n), covariance.block(first, first, n, n), degrees);
         };
         const Fit usual = fit(pointers(set), shape);
-        const std::vector<Fit> others = other_fits(set, colour, shape, shapes, Spread::known);
-        Eigen::MatrixXd covariance = usual.covariance;
-        for (const Fit& other : others) {
-            // less what chance moves it by
-            const Eigen::VectorXd moved = (other.value.head(usual.value.size()) - usual.value);
-            const Eigen::VectorXd own = moved.segment(first, n);
-            const double chances =
-                own.dot(other.covariance.block(first, first, n, n).ldlt().solve(own)) / double(n);
-            if (chances > 1) covariance += (1 - 1 / chances) * moved * moved.transpose();
-        }
-        const double probability = probability_of(usual, covariance);
+        const std::vector<Fit> others = other_fits(set, colour, shape, shapes);
+        const double probability = probability_of(usual, usual.covariance + covariance_of(others, usual));
         const bool in_all = std::all_of(others.begin(), others.end(), [&](const Fit& other) {
             return other.value.segment(first, n).dot(usual.value.segment(first, n)) > 0 &&
                    probability_of(other, other.covariance) <= kMost;
