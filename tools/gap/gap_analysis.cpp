@@ -11,6 +11,7 @@
 #include "tools/gap/gap_left.hpp"
 #include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_looks.hpp"
+#include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_models.hpp"
 #include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_rivals.hpp"
@@ -54,6 +55,19 @@ LeftOptions left_options(const Looks& looks, std::span<const LogPart> training, 
     options.blocks = looks.block_options();
     options.turning = looks.turning();
     return options;
+}
+
+std::vector<int> shapes_of_friction(const Look& look) {
+    return look.dictionary.rich_columns_of("low wheel speed");
+}
+
+// Intervals are as wide as other estimates of the same differ, `weak` among them: the fit before it was
+// refined.
+void take_misfit(Search& search, const Fit& weak, const Look& last) {
+    const Eigen::VectorXd refined_by = search.after.value - weak.value;
+    search.after.covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last)) +
+                               refined_by * refined_by.transpose();
+    take_refined(search, last.dictionary.setting());
 }
 
 // The robot found, for motions that would tell what it was named for from something else. `setting`, here and
@@ -184,14 +198,19 @@ Findings analyse(const Request& request) {
         made->look_closer(kBroadPasses);
         made->look_without_the_least();
         const Look& last = made->last();
-        const std::optional<std::size_t> useless = no_better_in_free_run(
-            last.search, pointers(last.train), parts.training, last.dictionary.setting(), turning);
+        const Setting& setting = last.dictionary.setting();
+        std::optional<std::size_t> useless =
+            no_better_in_free_run(last.search, pointers(last.train), parts.training, setting, turning);
+        std::string why = "the simulated robot drives no closer to the logs with it";
+        if (!useless) {
+            useless = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last));
+            why = "how much of it there is depends on how the rows are weighed";
+        }
         again = useless.has_value();
         if (!useless) continue;
         known.rivals_only.push_back(*useless);
-        findings.notes.push_back(
-            std::string(model::kEffects[*useless].name) +
-            ": not looked for, because the simulated robot drives no closer to the logs with it");
+        findings.notes.push_back(std::string(model::kEffects[*useless].name) + ": not looked for, because " +
+                                 why);
     }
     Looks& looks = *made;
     findings.turning = turning;
@@ -205,7 +224,9 @@ Findings analyse(const Request& request) {
     const BlockSet held_out = looks.held_out();
     search.closable_share = closed_share(pointers(held_out), search);
     look_at_what_is_left(search, left_options(looks, parts.training, known));
+    const Fit weak = search.after;
     refine(search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
+    take_misfit(search, weak, last);
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
     name_unmeasured(search.effects, known_effects);

@@ -213,6 +213,14 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, 
     places_.second = static_cast<int>(columns_.size());
 }
 
+std::vector<int> Dictionary::rich_columns_of(std::string_view place) const {
+    std::vector<int> columns;
+    for (int c = rich_.first; c < rich_.second; ++c) {
+        if (columns_[std::size_t(c)].place == place) columns.push_back(c);
+    }
+    return columns;
+}
+
 bool Dictionary::can_focus(std::size_t effect) const {
     return grid_of(effect, setting_).step != decltype(Grid::step){};
 }

@@ -92,6 +92,8 @@ class Dictionary {
     // First and one past the last.
     std::pair<int, int> linear_columns(std::size_t effect) const { return linear_[effect]; }
     std::pair<int, int> rich_columns() const { return rich_; }
+    // Of a place.
+    std::vector<int> rich_columns_of(std::string_view place) const;
     std::pair<int, int> place_columns() const { return places_; }
     // Whether an effect that is not linear can be looked at more closely than at the grid's points.
     bool can_focus(std::size_t effect) const;

@@ -7,6 +7,7 @@
 
 #include "tools/cli/report.hpp"
 #include "tools/gap/gap_files.hpp"
+#include "tools/gap/gap_statistics.hpp"
 #include "tools/gap/motions.hpp"
 
 namespace wheelwright::gap {
@@ -150,11 +151,13 @@ std::string json(const Findings& f, const Request& request) {
         out["effects"].push_back(effect);
     }
     Json shift = Json::object();
+    const double quantile = interval_quantile(s.blocks);
     for (const KFigure& k : known_k(f.after, f.after_error, s.unknowable)) {
-        Json one{{"value", number(k.value)},
-                 {"standard_error", number(k.error)},
-                 {"interval_95", {number(k.value - 2 * k.error), number(k.value + 2 * k.error)}},
-                 {"unit", k.unit}};
+        Json one{
+            {"value", number(k.value)},
+            {"standard_error", number(k.error)},
+            {"interval_95", {number(k.value - quantile * k.error), number(k.value + quantile * k.error)}},
+            {"unit", k.unit}};
         if (request.robot) {
             const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
             const double given = info->get(*request.robot);

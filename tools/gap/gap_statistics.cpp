@@ -31,6 +31,11 @@ double t_probability(double t, double degrees) {
     return std::max(0.0, 1 - sum);
 }
 
+double interval_quantile(std::size_t blocks) {
+    const double degrees = std::max(1.0, double(blocks) - 4);
+    return kNormalQuantile + 2.4 / degrees + 3.0 / (degrees * degrees);
+}
+
 double signed_rank_probability(std::vector<double> values) {
     std::sort(values.begin(), values.end(), [](double a, double b) { return std::abs(a) < std::abs(b); });
     const std::size_t n = values.size();

@@ -11,6 +11,7 @@
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_fit.hpp"
+#include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_refine.hpp"
 //
 #include <CppUTest/TestHarness.h>
@@ -28,13 +29,15 @@ struct Experiment {
     std::vector<gap::Block> blocks;
     gap::Blocks pointers;
 
-    Experiment(unsigned seed, int acting, double spread = 0) {
+    // `rising`: how much more the amount is in the quickest row than in the slowest.
+    Experiment(unsigned seed, int acting, double spread = 0, double rising = 0) {
         std::mt19937 engine(seed);
         std::normal_distribution<double> normal;
         constexpr int kRows = 20;
         for (int b = 0; b < 24; ++b) {
             gap::Block block;
             block.period_s = 0.004;
+            block.first_Hz = 0.25;
             block.rows = {kRows, 0};
             const double amount = kAmount + spread * normal(engine);
             // product, torque, timing, column, y
@@ -44,7 +47,8 @@ struct Experiment {
                 rows(k, 1) = 3 * normal(engine);
                 rows(k, 2) = normal(engine);
                 rows(k, 3) = b < acting ? normal(engine) : 0;
-                rows(k, 4) = kGain * (rows(k, 1) + amount * rows(k, 3)) + normal(engine);
+                const double there = amount + rising * (k + 0.5 - kRows / 2.0) / kRows;
+                rows(k, 4) = kGain * (rows(k, 1) + there * rows(k, 3)) + normal(engine);
             }
             block.row = {rows, Eigen::MatrixXd::Zero(0, 5)};
             block.product = {rows.transpose() * rows, Eigen::MatrixXd::Zero(5, 5)};
@@ -215,5 +219,34 @@ TEST(GapRefine, a_free_run_that_begins_midway_knows_what_the_tyres_slip) {
         const double rms = std::sqrt(squares / (2.0 * double(log.samples.size() - first)));
         std::printf("  free run from sample %zu: %.1e rad/s\n", first, rms);
         CHECK(rms < 0.002);
+    }
+}
+
+TEST_GROUP(GapMisfit){};
+
+// A right model is found alike with every weighting, so that its errors stay about what they are; of one
+// whose amount depends on the frequency the interval reaches what the slow and the quick half of the rows
+// say.
+TEST(GapMisfit, errors_grow_with_what_the_model_leaves_out_alone) {
+    for (const double rising : {0.0, 0.3}) {
+        constexpr int kTries = 200;
+        double told = 0;
+        double more = 0;
+        for (unsigned seed = 1; seed <= kTries; ++seed) {
+            const Experiment e(seed, 24, 0, rising);
+            gap::BlockSet set;
+            set.blocks = e.blocks;
+            set.wheel_power = Eigen::MatrixXd::Zero(4, 4);
+            const gap::Fit f = gap::fit(e.pointers, one_equation());
+            told += f.covariance(kAt, kAt) / kTries;
+            more += gap::misfit_covariance(set, {}, f, {})(kAt, kAt) / kTries;
+        }
+        if (rising == 0) {
+            CHECK(more < 2 * told);
+        } else {
+            // the halves' amounts lie a quarter of the rise to either side
+            CHECK(1.96 * std::sqrt(told + more) > rising / 4);
+            CHECK(1.96 * std::sqrt(told) < rising / 4);
+        }
     }
 }
