@@ -300,6 +300,7 @@ std::vector<task::FileChange> changes(const Findings& f, const Request& request)
     }
     all.push_back({"dynamics.log", names});
     for (const NamedEffect& e : f.search.effects) {
+        if (!e.in_file) continue;
         const model::EffectInfo& info = model::kEffects[e.effect];
         const std::string table = "effects." + name_of(e.effect) + ".";
         for (std::size_t j = 0; j < e.parameters.size(); ++j) {
