@@ -39,6 +39,9 @@ namespace wheelwright::drivers {
 
 enum class OdriveGeneration : std::uint8_t { v0_5, v0_6 };
 
+// Of the drive's control loop, in which its encoder loop is computed: 8 kHz in both generations.
+inline constexpr double kOdriveLoopPeriod_s = 1.0 / 8000;
+
 struct OdriveConfig {
     OdriveGeneration generation = OdriveGeneration::v0_6;
     std::uint32_t node = 0;  // 0..62

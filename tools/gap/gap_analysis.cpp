@@ -15,6 +15,7 @@
 #include "tools/gap/gap_models.hpp"
 #include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_rivals.hpp"
+#include "tools/gap/gap_slip.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -223,14 +224,27 @@ Findings analyse(const Request& request) {
     Search& search = findings.search;
     const BlockSet held_out = looks.held_out();
     search.closable_share = closed_share(pointers(held_out), search);
-    look_at_what_is_left(search, left_options(looks, parts.training, known));
+    const LeftOptions left = left_options(looks, parts.training, known);
+    look_at_what_is_left(search, left);
     const Fit weak = search.after;
+    std::optional<SlipFound> slip;
+    if (turning && may_slip(search, known)) {
+        const std::optional<RollingSlip> by_gyro = slip_by_gyro(logs.logs, request.geometry);
+        if (by_gyro) slip = slip_of(*by_gyro, slip_in_rows(search, left), setting);
+    }
     refine(search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
     take_misfit(search, weak, last);
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
     name_unmeasured(search.effects, known_effects);
     advise_motions(search.effects, confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
+    if (slip) {
+        name_slip(search, *slip, setting);
+        findings.notes.emplace_back(
+            "wheel_slip is by the gyro: it grows with the speed, as that of the robot file does not, and so "
+            "is "
+            "not written there");
+    }
     name_what_sensors_show(search, told, known, track_m);
     judge_by_sensors(search, told, request.without, track_m);
 

@@ -288,8 +288,9 @@ class SlipTerm : public Contribution {
   public:
     static constexpr bool kByDynamics = true;
     SlipTerm(const Parameters<double>& p, const Setting& s)
-        : s_(s), slip_(p, s.geometry, s.dynamics, model::kRotationShare + p[2]) {}
+        : s_(s), slip_(p, s.geometry, s.dynamics, model::kRotationShare + p[2]), rolls_(p[3] > 0) {}
     WheelPair<double> over(const Interval& i) override {
+        if (rolls_) return as_it_rolls(i);
         // at the very first it has settled
         if (first_) slip_.advance(i.torque, i.dt_s);
         first_ = false;
@@ -310,8 +311,27 @@ class SlipTerm : public Contribution {
     }
 
   private:
+    // Slip in proportion to force and speed, settled. It has the size of the other law at half of the
+    // largest speed.
+    WheelPair<double> as_it_rolls(const Interval& i) const {
+        const double usual_rad_per_s = s_.peak_speed_rad_per_s / 2;
+        const auto changed = [&](double WheelPair<double>::*side) {
+            return (std::abs(i.after.*side) * (i.torque.*side) -
+                    std::abs(i.before.*side) * (i.torque_before.*side)) /
+                   (s_.geometry.wheel_radius_m.*side * usual_rad_per_s);
+        };
+        const double left = changed(&WheelPair<double>::left);
+        const double right = changed(&WheelPair<double>::right);
+        const auto per_force = [](const TyreSlip::Settling& of) {
+            return of.bodys_share * of.slip_per_force;
+        };
+        return pair_for(s_, per_force(slip_.of_mean()) * (left + right) / 2,
+                        per_force(slip_.of_difference()) * (right - left) / s_.geometry.track_m, i.dt_s);
+    }
+
     Setting s_;
     TyreSlip slip_;
+    bool rolls_;
     bool first_ = true;
 };
 
@@ -419,7 +439,7 @@ struct TermOf {
     using Type = void;
 };
 template <typename Effect>
-    requires model::InTorquePath<Effect>
+requires model::InTorquePath<Effect>
 struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
 };

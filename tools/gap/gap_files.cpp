@@ -112,6 +112,7 @@ std::vector<FileChange> changes(const Findings& f, const Request& request) {
     std::vector<FileChange> all = geometry_changes(request);
     add_dynamics(known_k(f.after, f.after_error, f.search.unknowable), logs, all);
     for (const NamedEffect& e : f.search.effects) {
+        if (!e.in_file) continue;
         const model::EffectInfo& info = model::kEffects[e.effect];
         const std::string table = "effects." + std::string(info.name) + ".";
         for (std::size_t j = 0; j < e.parameters.size(); ++j) {

@@ -44,6 +44,7 @@ struct NamedEffect {
     std::vector<double> unmoved;
     std::vector<Rival> rivals;
     std::vector<Rival> ruled_out;  // that did worse in its place
+    bool in_file = true;           // false: its law is another than the catalogue's
 };
 
 struct Place {

@@ -11,6 +11,7 @@
 #include "drivers/drive_catalogue.hpp"
 #include "drivers/odrive/odrive_0_5_messages.hpp"
 #include "drivers/odrive/odrive_0_6_messages.hpp"
+#include "drivers/odrive/odrive_drive.hpp"
 #include "firmware/control/wheel_observer.hpp"
 #include "firmware/protocol/bus_load.hpp"
 #include "firmware/protocol/codec.hpp"
@@ -32,9 +33,10 @@ constexpr double kPeriodTolerance = 0.2;
 // A report may miss the commands' range by this share of the largest command.
 constexpr double kFollowTolerance = 0.15;
 
-// 1 / b of a drive's encoder loop, from p(t) - p(0) - integral of v = 2 / b (v(t) - v(0)). The noise of v is
+// 1 / b of a drive's encoder loop, from p(t) - p(0) - sum of T v = 2 / b (v(t) - v(0)). The noise of v is
 // the loop's own and obeys the same law; what the integral between reports lacks is as likely to add to
-// either end.
+// either end. The drive's sum has the speed from before each of its periods T, the integral the mean of both
+// ends: it is longer by T / 2 (v(t) - v(0)).
 class EncoderLoop {
   public:
     void take(const drivers::DriveFeedback& f, double period_s) {
@@ -55,7 +57,9 @@ class EncoderLoop {
         from_rad_per_s_ = f.speed_rad_per_s;
         path_rad_ = passed_s_ = 0;
     }
-    double lag_s() const { return square_ > 0 ? std::max(0.0, product_ / square_ / 2) : 0.0; }
+    double lag_s() const {
+        return square_ > 0 ? std::max(0.0, product_ / square_ + drivers::kOdriveLoopPeriod_s / 2) / 2 : 0.0;
+    }
 
   private:
     static constexpr double kSpan_s = 0.02;  // long beside a period, short beside a clock's error

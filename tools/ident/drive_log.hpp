@@ -6,8 +6,8 @@
 // bus. Angles come from the encoder frames as the firmware's WheelObserver gives them.
 //
 // A drive's encoder loop gives both the position p and the speed v that it reports, and of them holds,
-// whatever the wheel does, p' = v + 2 / b v' (b: its bandwidth, critically damped): so the log itself tells
-// b.
+// whatever the wheel does, p' = v + 2 / b v' (b: its bandwidth, critically damped) in steps of the drive's
+// period: so the log itself tells b.
 //
 // A sample is not usable where an axis was not in closed loop, where its encoder was not heard, where a
 // command is missing, or where the drive reported another torque than commanded.

@@ -7,6 +7,7 @@
 #include <iterator>
 #include <span>
 
+#include "drivers/odrive/odrive_drive.hpp"
 #include "firmware/ident/delay_estimator.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/task/cycle_schedule.hpp"
@@ -18,6 +19,7 @@ namespace {
 
 constexpr std::ptrdiff_t kFewestCyclesPerSample = 4;  // of 1 ms, each with its encoder's noise
 constexpr double kShortestStretch_s = 1;
+constexpr double kUsualBit_s = 0.02;  // a log does not say which bits it was driven with
 
 // Integral from -inf of the triangle of width 2 and area 1 around 0.
 double below_triangle(double x) {
@@ -65,36 +67,66 @@ class TorqueLag {
     double cycles_, end_, torque_ = 0, off_ = 0;
 };
 
-// What a drive's encoder loop makes of a torque as it does of the angle: (2 b s + b^2) / (s + b)^2, as means
-// over cycles of a torque that each cycle holds.
+// What a drive's encoder loop makes of a torque as it does of the angle: the same recursion, in the drive's
+// own periods, as means over cycles of a torque that each cycle holds.
 class EncoderLoop {
   public:
     explicit EncoderLoop(double lag_s)
-        : cycles_(task::kCyclePeriod_s / lag_s), none_(!(cycles_ < kQuick)), end_(std::exp(-cycles_)) {}
+        : follows_(lag_s > 0 ? std::min(1.0, 2 * drivers::kOdriveLoopPeriod_s / lag_s) : 1.0),
+          turns_(follows_ * follows_ / 4) {}
 
     void restart(double torque) {
         torque_ = torque;
-        off_ = slope_ = 0;
+        slope_ = 0;
     }
     double mean(double torque) {
-        if (none_) return torque;
-        const double step = torque - torque_;
-        torque_ = torque;
-        off_ -= step;  // after t of the time constants it is off by (off + slope t) exp(-t)
-        slope_ += step;
-        const double mean = (off_ * (1 - end_) + slope_ * (1 - end_ * (1 + cycles_))) / cycles_;
-        off_ = end_ * (off_ + slope_ * cycles_);
-        slope_ *= end_;
-        return torque + mean;
+        double sum = 0;
+        for (int i = 0; i < kSteps; ++i) {
+            torque_ += slope_;
+            const double off = torque - torque_;
+            torque_ += follows_ * off;
+            slope_ += turns_ * off;
+            sum += torque_;
+        }
+        return sum / kSteps;
     }
 
   private:
-    static constexpr double kQuick = 50;  // time constants in a cycle: done within it, or none was seen
-    double cycles_;
-    bool none_;
-    double end_;
-    double torque_ = 0, off_ = 0, slope_ = 0;
+    static constexpr int kSteps = static_cast<int>(task::kCyclePeriod_s / drivers::kOdriveLoopPeriod_s + 0.5);
+    double follows_, turns_;         // shares of what it is off by, in a step; at 1 it is never off
+    double torque_ = 0, slope_ = 0;  // the latter in a step
 };
+
+// Cycles for one sample: long enough that the encoders' noise, which is shared out over them, is small beside
+// the usual speed, for friction, centripetal terms and standstill are made of speeds. No longer than a bit.
+std::ptrdiff_t cycles_per_sample(const DriveLog& log, std::ptrdiff_t fewest) {
+    constexpr double kSmall = 0.05;
+    constexpr auto kMost = static_cast<std::ptrdiff_t>(kUsualBit_s / task::kCyclePeriod_s + 0.5);
+    const std::span<const DriveLog::Cycle> cycles = log.cycles;
+    double noise = 0;  // of the angles, by third differences: 20 times the variance of what is white
+    double moved = 0;  // in a span
+    std::ptrdiff_t run = 0;
+    for (std::size_t i = 0; i < cycles.size(); ++i) {
+        run = !cycles[i].sample.usable ? 0 : cycles[i].restart ? 1 : run + 1;
+        if (run <= 3 * fewest) continue;
+        const auto angle = [&](std::ptrdiff_t back) {
+            return cycles[i - static_cast<std::size_t>(back * fewest)].sample.angle_rad;
+        };
+        for (double WheelPair<double>::*side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+            const double first = angle(0).*side - angle(1).*side;
+            noise +=
+                std::pow(first - 2 * (angle(1).*side - angle(2).*side) + angle(2).*side - angle(3).*side, 2) /
+                20;
+            moved += first * first;
+        }
+    }
+    // the difference of two angles has twice the variance of one
+    const double speed = std::sqrt(std::max(0.0, moved - 2 * noise)) / static_cast<double>(fewest);
+    if (!(kSmall * speed > 0)) return fewest;
+    const double wanted = std::sqrt(2 * noise) / (kSmall * speed);
+    const auto even = 2 * static_cast<std::ptrdiff_t>(std::ceil(std::min(wanted, double(kMost)) / 2));
+    return std::max(fewest, even);
+}
 
 // What was told in each cycle, through the drives' lag and their encoder loops.
 std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
@@ -119,7 +151,6 @@ std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
 }  // namespace
 
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot) {
-    constexpr double kUsualBit_s = 0.02;  // a log does not say which bits it was driven with
     ident::RegressionFilterOptions<double> options;
     options.geometry = robot.geometry;
     options.effects = robot.effects;
@@ -161,7 +192,7 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
     const double age = task::Learning::sample_age_s(robot) / cycle_s;
     const auto encoder =
         static_cast<std::ptrdiff_t>(std::ceil(1e-3 * robot.drive.encoder_period_ms / cycle_s));
-    const std::ptrdiff_t period = std::max(kFewestCyclesPerSample, 2 * encoder);
+    const std::ptrdiff_t period = cycles_per_sample(log, std::max(kFewestCyclesPerSample, 2 * encoder));
     const std::ptrdiff_t half = period / 2;
     const TorqueWeights torque(period, age, (arrival.delay_s - arrival.lag_s) / cycle_s);
     const auto before = std::max(half, -torque.first);  // cycles needed before a sample

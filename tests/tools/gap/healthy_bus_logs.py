@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 LOOPS_rad_per_s = (1000, 200, 8000, 500, 2000, 4000)
 ACTIONS = ("ident", "figure-eight")
-SLOWEST_UNSEEN_rad_per_s = 4000  # half a tick of the drive (8 kHz) is a tenth of 2 / bandwidth, or more
+SLOWEST_UNSEEN_rad_per_s = 4000  # from here on a drive (8 kHz) reports what it has just read
 LOOP_WITHIN = 0.1
 
 
