@@ -439,7 +439,7 @@ struct TermOf {
     using Type = void;
 };
 template <typename Effect>
-requires model::InTorquePath<Effect>
+    requires model::InTorquePath<Effect>
 struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
 };
