@@ -92,7 +92,8 @@ class EncoderLoop {
     }
 
   private:
-    static constexpr int kSteps = static_cast<int>(task::kCyclePeriod_s / drivers::kOdriveLoopPeriod_s + 0.5);
+    static constexpr int kSteps = static_cast<int>((task::kCyclePeriod_s + drivers::kOdriveLoopPeriod_s / 2) /
+                                                   drivers::kOdriveLoopPeriod_s);
     double follows_, turns_;         // shares of what it is off by, in a step; at 1 it is never off
     double torque_ = 0, slope_ = 0;  // the latter in a step
 };
@@ -101,7 +102,8 @@ class EncoderLoop {
 // the usual speed, for friction, centripetal terms and standstill are made of speeds. No longer than a bit.
 std::ptrdiff_t cycles_per_sample(const DriveLog& log, std::ptrdiff_t fewest) {
     constexpr double kSmall = 0.05;
-    constexpr auto kMost = static_cast<std::ptrdiff_t>(kUsualBit_s / task::kCyclePeriod_s + 0.5);
+    constexpr auto kMost =
+        static_cast<std::ptrdiff_t>((kUsualBit_s + task::kCyclePeriod_s / 2) / task::kCyclePeriod_s);
     const std::span<const DriveLog::Cycle> cycles = log.cycles;
     double noise = 0;  // of the angles, by third differences: 20 times the variance of what is white
     double moved = 0;  // in a span
