@@ -78,7 +78,8 @@ class EncoderWatch {
             const double turning = dynamics->k8_per_kg_m2 * half_track_m / radius_m;
             if (wheel.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
                 const double brakes = kBrakesShare * 2 * std::max(forward, turning) *
-                                      settings_.torque_limit_Nm * 1e-3 * (kHistoryCycles + wheel.history_age);
+                                      settings_.torque_limit_Nm * elapsed_s *
+                                      (kHistoryCycles + wheel.history_age);
                 wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, 0.0);
                 if (wheel.speed_before < 0) wheel.speed = -wheel.speed;
             }
