@@ -189,3 +189,31 @@ TEST(CommandGuard, names_the_counter_of_what_decode_refuses) {
     CHECK(rejection_cause(CodecStatus::out_of_range, protocol::ModeCommand::id) ==
           CounterCause::rejected_unknown_mode);
 }
+
+TEST(CommandGuard, sealing_replaces_the_counter_and_leaves_its_byte_s_other_half) {
+    for (std::uint8_t alive = 0; alive < 15; ++alive) {
+        std::array<std::uint8_t, 2> frame{0xAA, 0x5F};  // the shortest that can be sealed
+        protocol::seal(frame, alive);
+        BYTES_EQUAL(0x50 | alive, frame[1]);
+        BYTES_EQUAL(protocol::seal_crc(frame), frame[0]);
+    }
+}
+
+TEST(CommandGuard, sealing_ignores_what_the_message_says_of_seal_and_counter) {
+    protocol::TorqueCommand clean, dirty;
+    dirty.alive = 255;  // no counter
+    dirty.crc = 255;
+    std::array<std::uint8_t, 6> frame{}, other{};
+    CHECK(protocol::encode_sealed(clean, 7, frame) == CodecStatus::ok);
+    CHECK(protocol::encode_sealed(dirty, 7, other) == CodecStatus::ok);
+    CHECK(frame == other);
+}
+
+TEST(CommandGuard, the_shortest_sealed_frame_passes) {
+    CommandGuard guard;
+    std::array<std::uint8_t, protocol::ClearFault::length> frame{};
+    CHECK(protocol::encode_sealed(protocol::ClearFault{}, 3, frame) == CodecStatus::ok);
+    CHECK(!guard.check(protocol::ClearFault::id, frame, 0));
+    CHECK(guard.check(protocol::ClearFault::id, std::span(frame).first(1), 0) ==
+          CounterCause::rejected_length);
+}

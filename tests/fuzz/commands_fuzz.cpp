@@ -63,8 +63,8 @@ class Robot {
                 const auto table = model::parameter_table();
                 const auto operation = input.ConsumeIntegralInRange(0, 4);
                 const auto which = input.ConsumeIntegralInRange<std::size_t>(0, table.size());
-                const std::uint16_t index = which < table.size() ? table[which].index
-                                                                 : input.ConsumeIntegral<std::uint16_t>();
+                const std::uint16_t index =
+                    which < table.size() ? table[which].index : input.ConsumeIntegral<std::uint16_t>();
                 host.parameter(static_cast<protocol::ParameterOperation>(operation), index,
                                input.ConsumeFloatingPoint<float>());
                 break;
@@ -114,8 +114,7 @@ class Robot {
 
     // EmergencyStop is no sealed frame, but ClearFault is.
     void send_sealed(FuzzedDataProvider& input) {
-        const protocol::MessageInfo& info =
-            input.PickValueInArray(protocol::all_messages);
+        const protocol::MessageInfo& info = input.PickValueInArray(protocol::all_messages);
         hal::CanFrame frame;
         fill(frame, input);
         frame.id = info.id;
@@ -148,8 +147,8 @@ class Robot {
             FUZZ_EXPECT((info.automatic() && value == 0) || (value >= info.minimum && value <= info.maximum));
         }
 
-        // Nobody drives who may not: two cycles and a frame's time after the supervisor lets go, the motors are
-        // told nothing.
+        // Nobody drives who may not: two cycles and a frame's time after the supervisor lets go, the motors
+        // are told nothing.
         const supervisor::Supervisor& supervisor = sim_.cycle().supervisor();
         const bool may = supervisor.may_drive() || supervisor.ramping();
         idle_cycles_ = may ? 0 : idle_cycles_ + 1;
@@ -160,7 +159,8 @@ class Robot {
             }
         }
         // A stop stands until it is cleared.
-        if (stopped_ && ++since_stop_ > 3) FUZZ_EXPECT(supervisor.mode() == Mode::fault && !supervisor.may_drive());
+        if (stopped_ && ++since_stop_ > 3)
+            FUZZ_EXPECT(supervisor.mode() == Mode::fault && !supervisor.may_drive());
     }
 
     tools::Simulation sim_;

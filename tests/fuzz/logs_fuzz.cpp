@@ -1,5 +1,5 @@
-// Any bytes as a log: candump, CSV of other loggers, SysId's JSON. What is good is finite and in order of time;
-// what is not is refused with a message.
+// Any bytes as a log: candump, CSV of other loggers, SysId's JSON. What is good is finite and in order of
+// time; what is not is refused with a message.
 #include <cmath>
 #include <sstream>
 #include <string>

@@ -77,6 +77,7 @@ class SysIdReader {
             raws[i].refreshed_every = every;
             if (run_.empty() || run_ == runs_[i].test->key) add_segments(std::move(raws[i]), logs_);
         }
+        if (!good()) logs_.segments.clear();  // nothing of a file that is partly wrong
         return std::move(logs_);
     }
 
