@@ -247,10 +247,9 @@ void Cycle::judge_conditions() {
     c.drive_silent = either(DriveState::silent);
     c.path_known = !control_.pace().running();
     c.drives_armed = left_state == DriveState::armed && right_state == DriveState::armed;
-    c.drive_disarmed_itself = left_by_itself || (was_armed_ && drives_wanted_ && !c.drives_armed);
-    was_armed_ = c.drives_armed;
-    c.arming_refused = drives_wanted_ && (left_refusal != drivers::ArmRefusal::none ||
-                                          right_refusal != drivers::ArmRefusal::none);
+    c.drive_disarmed_itself = left_by_itself;
+    c.arming_refused = supervisor_.wants_armed() && (left_refusal != drivers::ArmRefusal::none ||
+                                                     right_refusal != drivers::ArmRefusal::none);
     const auto unguarded = drivers::ArmRefusal::watchdog_not_confirmed;
     c.watchdog_confirmed = left_refusal != unguarded && right_refusal != unguarded;
     // Written so that what is no number counts as dangerous.
@@ -290,47 +289,28 @@ void Cycle::judge_conditions() {
 
 // Requests of the host, then the supervisor, then what its verdict asks of the drives.
 void Cycle::obey() {
-    supervisor_.start();
     const HostEvents& events = host_.events();
     if (events.ident) ident_settings_ = *events.ident;
-    const bool on_path = supervisor_.mode() == Mode::trajectory || supervisor_.mode() == Mode::adaptive;
-    if (events.trajectory && !on_path) control_.select_trajectory(*events.trajectory);
-    const Mode before_requests = supervisor_.mode();
-    const bool to_clear = before_requests == Mode::fault || conditions_.drive_error;
-    if (events.clear_fault && supervisor_.clear_fault(conditions_) == supervisor::Blocker::none && to_clear &&
-        !supervisor_.wants_armed()) {
-        ports_.left.request_clear_errors();
-        ports_.right.request_clear_errors();
+    if (events.trajectory && supervisor::rule_of(supervisor_.mode()).law != supervisor::Law::path) {
+        control_.select_trajectory(*events.trajectory);
     }
-    if (events.mode && !conditions_.terminate &&
-        supervisor_.request(*events.mode, conditions_) != supervisor::Blocker::none) {
-        host_.count(HostLink::Cause::rejected_mode_not_allowed);
-    }
-    const Mode before = supervisor_.mode();
-    supervisor_.step(conditions_);
-    // A stop goes to drives that are believed idle too.
-    const bool stops = supervisor_.mode() == Mode::fault &&
-                       (before != Mode::fault || conditions_.stop_message || conditions_.foreign_control);
+    const supervisor::Verdict verdict = supervisor_.step(conditions_, {events.clear_fault, events.mode});
+    if (verdict.refused) host_.count(HostLink::Cause::rejected_mode_not_allowed);
     if (identifying_ && (supervisor_.mode() != Mode::ident || supervisor_.ramping())) {
         finish_identification();
     }
-
-    const bool wanted = supervisor_.wants_armed();
-    if (wanted && !drives_wanted_) {
-        ports_.left.request_arm();
-        ports_.right.request_arm();
-    } else if (!wanted && (drives_wanted_ || stops)) {
-        ports_.left.request_disarm();
-        ports_.right.request_disarm();
+    for (drivers::MotorDrive* drive : {&ports_.left, &ports_.right}) {
+        if (verdict.clear_drive_errors) drive->request_clear_errors();
+        if (verdict.order == supervisor::DriveOrder::arm) drive->request_arm();
+        if (verdict.order == supervisor::DriveOrder::disarm) drive->request_disarm();
     }
-    drives_wanted_ = wanted;
-    if (ports_.drive_enable != nullptr) ports_.drive_enable->write(wanted);
+    if (ports_.drive_enable != nullptr) ports_.drive_enable->write(verdict.armed);
 
     const MotionInputs now = motion_inputs();
-    if (supervisor_.entered()) {
-        if (supervisor_.mode() != before) {
+    if (verdict.entry != supervisor::Entry::none) {
+        if (verdict.entry == supervisor::Entry::from_rest) {
             host_.forget_setpoints();
-        } else if (supervisor_.mode() != before_requests) {
+        } else {
             forget_late_setpoints();
         }
         control_.enter(supervisor_.mode(), now);
@@ -344,13 +324,12 @@ void Cycle::obey() {
                                         control_.plant().geometry.track_m);
         }
     }
-    if (supervisor_.ramping() && !was_ramping_) {
+    if (verdict.begins_braking) {
         control_.begin_braking(now);
         resting_cycles_ = 0;
     }
-    was_ramping_ = supervisor_.ramping();
 
-    if (conditions_.terminate && !wanted) {
+    if (conditions_.terminate && !verdict.armed) {
         const auto asleep = [](const drivers::MotorDrive& drive) {
             return drive.state() != DriveState::armed && drive.state() != DriveState::arming;
         };
@@ -623,6 +602,7 @@ void Cycle::fill_status(protocol::Status& s) const {
     s.requested = supervisor_.requested();
     s.fault = supervisor_.fault();
     s.blocker = supervisor_.blocker();
+    s.cleared_by = supervisor_.cleared_by();
     const double torque_limit = parameters_.limits.torque_Nm * (1 - 1e-9);
     s.limit_torque_left = std::abs(output_.torque_Nm.left) >= torque_limit;
     s.limit_torque_right = std::abs(output_.torque_Nm.right) >= torque_limit;

@@ -161,9 +161,6 @@ class Cycle {
     bool angles_known_ = false;
     std::int64_t sample_age_ns_ = 0;
     std::uint32_t foreign_control_ = 0;  // of both drives, by the end of the cycle before
-    bool was_armed_ = false;
-    bool was_ramping_ = false;
-    bool drives_wanted_ = false;
     bool overran_ = false;
     bool identifying_ = false;
     bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
