@@ -10,7 +10,7 @@ namespace {
 // Whether a rule's condition holds; without branches, as none does in most cycles.
 bool any_holds(const Conditions& now) {
     return [&]<std::size_t... i>(std::index_sequence<i...>) {
-        return (... | (now.*kFaultRules[i].when == kFaultRules[i].is));
+        return (0U | ... | unsigned{now.*kFaultRules[i].when == kFaultRules[i].is}) != 0;
     }(std::make_index_sequence<kFaultRules.size()>{});
 }
 
