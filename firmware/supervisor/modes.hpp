@@ -1,4 +1,4 @@
-// The modes, the faults and the table that says who may drive the wheels now. Data only; supervisor.hpp runs
+// The modes, the faults and the tables that say who may drive the wheels now. Data only; supervisor.hpp runs
 // it. Numbers are the value tables of the DBC (a test compares them).
 #pragma once
 
@@ -14,6 +14,7 @@ namespace wheelwright::supervisor {
 using protocol::Blocker;  // why a requested mode is not entered
 using protocol::Fault;
 using protocol::Mode;
+using protocol::Remedy;  // what lets a latched fault be left
 inline constexpr std::size_t kModeCount = protocol::mode_values.size();
 
 // What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
@@ -44,86 +45,197 @@ struct Conditions {
     bool mode_finished = false;             // the active mode has nothing left to do (identification)
 };
 
-inline constexpr std::uint16_t bit(Mode mode) { return static_cast<std::uint16_t>(1U << unsigned(mode)); }
-inline constexpr std::uint16_t kDriving = bit(Mode::torque) | bit(Mode::ident) | bit(Mode::velocity) |
-                                          bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
-inline constexpr std::uint16_t kIdle = bit(Mode::idle);
-inline constexpr std::uint16_t kPathModes = bit(Mode::trajectory) | bit(Mode::adaptive);
-inline constexpr std::uint16_t kSetpointModes =
-    bit(Mode::torque) | bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
+// From where a mode may be asked for; and in itself.
+enum class From : std::uint8_t { nowhere, idle, idle_or_driving };
 
-// Which stop a fault asks for. `as_configured_*` names a parameter of the robot file's [safety].
-enum class StopBy : std::uint8_t {
-    coast,  // torque zero at once; the only choice where speed is not known or torque not obeyed
-    as_configured_stale_command,
-    as_configured_over_speed,
-    as_configured_emergency_stop,
-    as_configured_overrun,
-    as_configured_terminate,
+// What gives the torque while a mode drives.
+enum class Law : std::uint8_t { none, torque, excitation, velocity, pose, path };
+
+// What the host must go on sending while a mode drives, once it has begun.
+enum class Setpoint : std::uint8_t { none, torque, velocity, goal, stream };  // stream: if the path is one
+
+// What must be true to enter a mode: bits for kEntryRules and kArmedRules.
+using Needs = std::uint8_t;
+inline constexpr Needs kNothing = 0, kAlways = 0, kDrives = 1, kRest = 2, kLoops = 4, kTrust = 8, kPath = 16;
+
+struct ModeRule {
+    Mode mode;
+    From from;
+    Needs needs;
+    Law law;
+    Setpoint setpoint;
+    bool learns;  // the model is adapted beside the law
 };
 
-// One row: in these modes, this condition becomes this fault. Rows are read in order; the first that holds
-// names the fault. A fault is latched until it is cleared.
+// A mode is its row.
+inline constexpr std::array kModes{
+    ModeRule{Mode::boot, From::nowhere, kNothing, Law::none, Setpoint::none, false},
+    ModeRule{Mode::idle, From::idle_or_driving, kNothing, Law::none, Setpoint::none, false},
+    ModeRule{Mode::torque, From::idle_or_driving, kDrives, Law::torque, Setpoint::torque, false},
+    ModeRule{Mode::ident, From::idle, kDrives | kRest, Law::excitation, Setpoint::none, false},
+    ModeRule{Mode::velocity, From::idle_or_driving, kDrives | kLoops, Law::velocity, Setpoint::velocity,
+             false},
+    ModeRule{Mode::pose, From::idle_or_driving, kDrives | kLoops, Law::pose, Setpoint::goal, false},
+    ModeRule{Mode::trajectory, From::idle_or_driving, kDrives | kLoops | kPath, Law::path, Setpoint::stream,
+             false},
+    ModeRule{Mode::adaptive, From::idle_or_driving, kDrives | kLoops | kPath | kTrust, Law::path,
+             Setpoint::stream, true},
+    ModeRule{Mode::fault, From::nowhere, kNothing, Law::none, Setpoint::none, false},
+};
+static_assert([] {
+    for (std::size_t i = 0; i < kModes.size(); ++i) {
+        if (std::size_t(kModes[i].mode) != i) return false;
+    }
+    return kModes.size() == kModeCount;
+}());
+
+inline constexpr const ModeRule& rule_of(Mode mode) { return kModes[std::size_t(mode)]; }
+inline constexpr bool drives(Mode mode) { return rule_of(mode).law != Law::none; }
+
+inline constexpr std::uint16_t bit(Mode mode) { return static_cast<std::uint16_t>(1U << unsigned(mode)); }
+template <typename Which>
+constexpr std::uint16_t modes_where(Which which) {
+    std::uint16_t modes = 0;
+    for (const ModeRule& rule : kModes) modes |= which(rule) ? bit(rule.mode) : std::uint16_t{0};
+    return modes;
+}
+inline constexpr std::uint16_t kIdle = bit(Mode::idle);
+inline constexpr std::uint16_t kDriving = modes_where([](const ModeRule& m) { return m.law != Law::none; });
+inline constexpr std::uint16_t kSetpointModes =
+    modes_where([](const ModeRule& m) { return m.setpoint != Setpoint::none; });
+
+// Whether a stop brakes to rest first, as the robot file's [safety] says.
+struct StopChoices {
+    bool stale_command_ramps = false;
+    bool over_speed_ramps = false;
+    bool emergency_stop_ramps = false;
+    bool overrun_ramps = false;
+    bool terminate_ramps = true;
+};
+inline constexpr bool StopChoices::*kCoast = nullptr;  // where speed is not known or torque not obeyed
+
+// One row: in these modes, this condition becomes this fault. The first row that holds names the fault, which
+// is latched until it is cleared. Braking needs the leave of all rows that hold, and goes on only as long as
+// it has it: of two reactions the stricter one is taken.
 struct FaultRule {
     bool Conditions::*when;
+    bool is;
     std::uint16_t modes;
     Fault fault;
-    StopBy stop;
+    bool StopChoices::*ramps;
+    bool dominates = false;  // takes the name of a fault that is latched already
 };
 
 inline constexpr std::array kFaultRules{
-    FaultRule{&Conditions::not_finite, kDriving, Fault::internal_error, StopBy::coast},
-    FaultRule{&Conditions::stop_line_active, kDriving, Fault::emergency_stop_line,
-              StopBy::as_configured_emergency_stop},
-    FaultRule{&Conditions::stop_message, kDriving | kIdle, Fault::emergency_stop_message,
-              StopBy::as_configured_emergency_stop},
-    FaultRule{&Conditions::bus_down, kDriving, Fault::bus_down, StopBy::coast},
-    FaultRule{&Conditions::foreign_control, kDriving | kIdle, Fault::foreign_control, StopBy::coast},
-    FaultRule{&Conditions::drive_error, kDriving, Fault::drive_error, StopBy::coast},
-    FaultRule{&Conditions::drive_silent, kDriving, Fault::drive_silent, StopBy::coast},
-    FaultRule{&Conditions::drive_disarmed_itself, kDriving, Fault::drive_left_armed_state, StopBy::coast},
-    FaultRule{&Conditions::feedback_stale, kDriving, Fault::stale_feedback, StopBy::coast},
-    FaultRule{&Conditions::encoder_implausible, kDriving, Fault::encoder_implausible, StopBy::coast},
-    FaultRule{&Conditions::over_speed, kDriving, Fault::over_speed, StopBy::as_configured_over_speed},
-    FaultRule{&Conditions::overrun, kDriving, Fault::cycle_overrun, StopBy::as_configured_overrun},
-    FaultRule{&Conditions::command_stale, kSetpointModes, Fault::stale_command,
-              StopBy::as_configured_stale_command},
-    FaultRule{&Conditions::terminate, kDriving, Fault::terminated, StopBy::as_configured_terminate},
+    FaultRule{&Conditions::stop_line_active, true, kDriving, Fault::emergency_stop_line,
+              &StopChoices::emergency_stop_ramps, true},
+    FaultRule{&Conditions::stop_message, true, kDriving | kIdle, Fault::emergency_stop_message,
+              &StopChoices::emergency_stop_ramps, true},
+    FaultRule{&Conditions::not_finite, true, kDriving, Fault::internal_error, kCoast},
+    FaultRule{&Conditions::bus_down, true, kDriving, Fault::bus_down, kCoast},
+    FaultRule{&Conditions::foreign_control, true, kDriving | kIdle, Fault::foreign_control, kCoast},
+    FaultRule{&Conditions::drive_error, true, kDriving, Fault::drive_error, kCoast},
+    FaultRule{&Conditions::drive_silent, true, kDriving, Fault::drive_silent, kCoast},
+    FaultRule{&Conditions::drive_disarmed_itself, true, kDriving, Fault::drive_left_armed_state, kCoast},
+    FaultRule{&Conditions::drives_armed, false, kDriving, Fault::drive_left_armed_state, kCoast},
+    FaultRule{&Conditions::feedback_stale, true, kDriving, Fault::stale_feedback, kCoast},
+    FaultRule{&Conditions::encoder_implausible, true, kDriving, Fault::encoder_implausible, kCoast},
+    FaultRule{&Conditions::over_speed, true, kDriving, Fault::over_speed, &StopChoices::over_speed_ramps},
+    FaultRule{&Conditions::overrun, true, kDriving, Fault::cycle_overrun, &StopChoices::overrun_ramps},
+    FaultRule{&Conditions::command_stale, true, kSetpointModes, Fault::stale_command,
+              &StopChoices::stale_command_ramps},
+    FaultRule{&Conditions::terminate, true, kDriving, Fault::terminated, &StopChoices::terminate_ramps},
 };
 
-// One requirement for entering a mode: the condition must have this value, or the blocker is named.
-struct EntryRule {
-    std::uint16_t into;
+// What the supervisor is doing inside a mode.
+enum class Phase : std::uint8_t {
+    steady,   // the mode's own law drives, if it has one
+    arming,   // idle, on the way to the requested mode: the drives are being armed
+    ramping,  // braking to rest under the velocity loop, then torque zero
+};
+
+// Who may give the wheels torque.
+enum class Owner : std::uint8_t { nobody, law, brake };
+
+inline constexpr std::uint32_t bit(Fault fault) { return 1U << unsigned(fault); }
+
+struct PhaseRule {
+    Owner owner;              // nobody where the mode has no law
+    bool arms;                // the drives are armed, or being armed, whatever the mode
+    std::uint32_t exempt;     // faults that are not looked for
+    Blocker keeps_the_fault;  // why it cannot be cleared
+};
+
+inline constexpr std::array kPhases{
+    /* steady  */ PhaseRule{Owner::law, false, 0, Blocker::none},
+    // No set-point yet, no armed drive that could leave that state, and a drive's error shows as a refusal.
+    /* arming  */
+    PhaseRule{Owner::nobody, true,
+              bit(Fault::stale_command) | bit(Fault::drive_left_armed_state) | bit(Fault::drive_error),
+              Blocker::none},
+    // Braking to rest needs no set-point.
+    /* ramping */ PhaseRule{Owner::brake, true, bit(Fault::stale_command), Blocker::robot_moving},
+};
+
+// One requirement: the condition must have this value, or the blocker is named. The first one names it.
+struct Requirement {
+    Needs of;  // a mode with this need, or kAlways
     bool Conditions::*what;
     bool must_be;
     Blocker otherwise;
 };
 
-// Checked when a mode is asked for: all must hold or the request is rejected and nothing changes. And again
+// Looked at when a mode is asked for: all must hold or the request is rejected and nothing changes. And again
 // when it is entered after arming.
 inline constexpr std::array kEntryRules{
-    EntryRule{kDriving, &Conditions::stop_line_active, false, Blocker::stop_line_active},
-    EntryRule{kDriving, &Conditions::drive_silent, false, Blocker::drives_not_armed},
-    EntryRule{kDriving, &Conditions::drive_error, false, Blocker::drive_error},
-    EntryRule{bit(Mode::ident), &Conditions::moving, false, Blocker::robot_moving},
-    EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
-              &Conditions::model_known, true, Blocker::not_identified},
-    EntryRule{bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive),
-              &Conditions::velocity_design_accepted, true, Blocker::design_refused},
-    EntryRule{bit(Mode::adaptive), &Conditions::model_trusted, true, Blocker::model_not_trusted},
+    Requirement{kDrives, &Conditions::stop_line_active, false, Blocker::stop_line_active},
+    Requirement{kDrives, &Conditions::terminate, false, Blocker::fault_latched},
+    Requirement{kDrives, &Conditions::drive_silent, false, Blocker::drives_not_armed},
+    Requirement{kDrives, &Conditions::drive_error, false, Blocker::drive_error},
+    Requirement{kRest, &Conditions::moving, false, Blocker::robot_moving},
+    Requirement{kLoops, &Conditions::model_known, true, Blocker::not_identified},
+    Requirement{kLoops, &Conditions::velocity_design_accepted, true, Blocker::design_refused},
+    Requirement{kTrust, &Conditions::model_trusted, true, Blocker::model_not_trusted},
 };
 
-// From which modes a mode may be asked for. A mode may be asked for again while it is active.
-inline constexpr std::array<std::uint16_t, kModeCount> kMayEnterFrom{
-    /* boot       */ 0,
-    /* idle       */ kIdle | kDriving,
-    /* torque     */ kIdle | kDriving,
-    /* ident      */ kIdle | bit(Mode::ident),
-    /* velocity   */ kIdle | kDriving,
-    /* pose       */ kIdle | kDriving,
-    /* trajectory */ kIdle | kDriving,
-    /* adaptive   */ kIdle | kDriving,
-    /* fault      */ 0,
+// What arming waits for.
+inline constexpr std::array kArmedRules{
+    Requirement{kDrives, &Conditions::drives_armed, true, Blocker::drives_not_armed},
+    Requirement{kDrives, &Conditions::drive_error, false, Blocker::drive_error},
+    Requirement{kDrives, &Conditions::drive_disarmed_itself, false, Blocker::drives_not_armed},
+    Requirement{kPath, &Conditions::path_known, true, Blocker::none},
 };
+
+// Why drives would not arm; else drives_not_armed.
+inline constexpr std::array kArmingFailures{
+    Requirement{kDrives, &Conditions::watchdog_confirmed, true, Blocker::watchdog_not_confirmed},
+    Requirement{kDrives, &Conditions::drive_error, false, Blocker::drive_error},
+};
+
+// What must be so before a fault can be cleared; else what has to happen first.
+struct ClearRule : Requirement {
+    Remedy remedy;
+};
+inline constexpr std::array kClearRules{
+    ClearRule{{kAlways, &Conditions::terminate, false, Blocker::fault_latched}, Remedy::restart},
+    ClearRule{{kAlways, &Conditions::moving, false, Blocker::robot_moving}, Remedy::standstill},
+    ClearRule{{kAlways, &Conditions::stop_line_active, false, Blocker::stop_line_active},
+              Remedy::release_stop_line},
+    ClearRule{{kAlways, &Conditions::bus_down, false, Blocker::fault_latched}, Remedy::restore_bus},
+    ClearRule{{kAlways, &Conditions::stop_message, false, Blocker::fault_latched}, Remedy::clear_fault},
+};
+
+// The first of the rules that is not met; null: all are.
+template <typename Rules>
+constexpr auto unmet(const Rules& rules, Needs needs, const Conditions& now) {
+    const typename Rules::value_type* found = nullptr;
+    for (const auto& rule : rules) {
+        if ((rule.of == kAlways || (rule.of & needs) != 0) && now.*rule.what != rule.must_be) {
+            found = &rule;
+            break;
+        }
+    }
+    return found;
+}
 
 }  // namespace wheelwright::supervisor

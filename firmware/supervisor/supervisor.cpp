@@ -1,99 +1,152 @@
 #include "firmware/supervisor/supervisor.hpp"
 
+#include <cstddef>
 #include <limits>
+#include <utility>
 
 namespace wheelwright::supervisor {
+namespace {
 
-Blocker Supervisor::request(Mode wanted, const Conditions& now) {
-    const auto refuse = [this](Blocker why) {
-        blocker_ = why;
-        return why;
-    };
-    if (unsigned(wanted) >= kModeCount || kMayEnterFrom[unsigned(wanted)] == 0) {
-        return refuse(Blocker::unknown_mode);
-    }
-    if (mode_ == Mode::fault) return refuse(Blocker::fault_latched);
-    if ((kMayEnterFrom[unsigned(wanted)] & bit(mode_)) == 0) return refuse(Blocker::not_idle);
-    if (const Blocker why = blocker_into(wanted, now); why != Blocker::none) return refuse(why);
-    blocker_ = Blocker::none;
-    if (wanted == requested_ && wanted == mode_ && phase_ == Phase::steady) return Blocker::none;
-
-    requested_ = wanted;
-    phase_cycles_ = 0;
-    if (wanted == Mode::idle) {
-        // From motion: brake first. Arming is simply given up.
-        phase_ = (bit(mode_) & kDriving) != 0 ? Phase::ramping : Phase::steady;
-    } else if ((bit(mode_) & kDriving) != 0 && phase_ != Phase::arming) {
-        enter(wanted);
-        entry_pending_ = true;
-    } else {
-        phase_ = Phase::arming;
-    }
-    return Blocker::none;
+// Whether a rule's condition holds; without branches, as none does in most cycles.
+bool any_holds(const Conditions& now) {
+    return [&]<std::size_t... i>(std::index_sequence<i...>) {
+        return (0U | ... | unsigned{now.*kFaultRules[i].when == kFaultRules[i].is}) != 0;
+    }(std::make_index_sequence<kFaultRules.size()>{});
 }
 
-Blocker Supervisor::blocker_into(Mode wanted, const Conditions& now) const {
-    for (const EntryRule& rule : kEntryRules) {
-        if ((rule.into & bit(wanted)) != 0 && now.*rule.what != rule.must_be) return rule.otherwise;
+}  // namespace
+
+Verdict Supervisor::step(const Conditions& now, const Requests& asked) {
+    if (mode_ == Mode::boot) mode_ = Mode::idle;
+    const bool was_armed = wants_armed();
+    const bool was_ramping = ramping();
+    const bool was_fault = mode_ == Mode::fault;
+    Verdict verdict;
+    if (asked.clear_fault) {
+        const bool clears = clear(now);
+        verdict.clear_drive_errors = clears && (was_fault || now.drive_error) && !wants_armed();
     }
-    return Blocker::none;
-}
-
-Blocker Supervisor::clear_fault(const Conditions& now) {
-    if (mode_ != Mode::fault) return blocker_ = Blocker::none;
-    if (phase_ == Phase::ramping || now.moving) return blocker_ = Blocker::robot_moving;
-    if (now.stop_line_active) return blocker_ = Blocker::stop_line_active;
-    if (now.terminate || now.bus_down) return blocker_ = Blocker::fault_latched;
-    mode_ = Mode::idle;
-    requested_ = Mode::idle;
-    fault_ = Fault::none;
-    return blocker_ = Blocker::none;
-}
-
-void Supervisor::step(const Conditions& now) {
-    entered_ = entry_pending_;
-    entry_pending_ = false;
+    if (asked.mode) {
+        blocker_ = refusal(*asked.mode, now);
+        verdict.refused = blocker_ != Blocker::none;
+        if (!verdict.refused) verdict.entry = accept(*asked.mode);
+    }
     if (phase_cycles_ < std::numeric_limits<std::int32_t>::max()) ++phase_cycles_;  // 24 days are not the end
-    if (mode_ == Mode::boot) return;
 
-    // Arming and ramping to idle are watched by the rules of the driving modes.
-    const std::uint16_t watched = phase_ == Phase::arming ? bit(requested_) : bit(mode_);
-    if (mode_ != Mode::fault) {
-        for (const FaultRule& rule : kFaultRules) {
-            if ((rule.modes & watched) == 0 || !(now.*rule.when)) continue;
-            if (exempt(rule.fault)) continue;
-            stop(rule.fault, ramps(rule.stop));
-            return;
-        }
+    const bool stays_fault = mode_ == Mode::fault;
+    verdict.entry = watch(now) ? Entry::none : advance(now, verdict.entry);
+
+    verdict.mode = mode_;
+    verdict.owner = owner();
+    verdict.armed = wants_armed();
+    verdict.begins_braking = ramping() && !was_ramping;
+    // A stop goes to drives that are believed idle too.
+    const bool stops = mode_ == Mode::fault && (!stays_fault || now.stop_message || now.foreign_control);
+    if (verdict.armed && !was_armed) verdict.order = DriveOrder::arm;
+    if (!verdict.armed && (was_armed || stops)) verdict.order = DriveOrder::disarm;
+    cleared_by_ = mode_ == Mode::fault ? remedy(now) : Remedy::none;
+    return verdict;
+}
+
+Blocker Supervisor::refusal(Mode wanted, const Conditions& now) const {
+    if (unsigned(wanted) >= kModeCount || rule_of(wanted).from == From::nowhere) return Blocker::unknown_mode;
+    if (mode_ == Mode::fault) return Blocker::fault_latched;
+    const bool from_here = mode_ == Mode::idle || mode_ == wanted || rule_of(wanted).from != From::idle;
+    if (!from_here) return Blocker::not_idle;
+    const Requirement* rule = unmet(kEntryRules, rule_of(wanted).needs, now);
+    return rule == nullptr ? Blocker::none : rule->otherwise;
+}
+
+// Leaves the fault mode for idle when the fault's cause is gone and the robot stands. Outside it there is
+// nothing to clear but the drives' errors.
+bool Supervisor::clear(const Conditions& now) {
+    if (mode_ != Mode::fault) return true;
+    blocker_ = kPhases[unsigned(phase_)].keeps_the_fault;
+    const ClearRule* rule = unmet(kClearRules, kNothing, now);
+    if (blocker_ == Blocker::none && rule != nullptr) blocker_ = rule->otherwise;
+    if (blocker_ != Blocker::none) return false;
+    mode_ = requested_ = Mode::idle;
+    fault_ = Fault::none;
+    return true;
+}
+
+Remedy Supervisor::remedy(const Conditions& now) const {
+    const ClearRule* rule = unmet(kClearRules, kNothing, now);
+    const Remedy remedy = rule == nullptr ? Remedy::clear_fault : rule->remedy;
+    return remedy == Remedy::clear_fault && ramping() ? Remedy::standstill : remedy;
+}
+
+// Asking again for what is under way does not give it more time.
+Entry Supervisor::accept(Mode wanted) {
+    const bool goes_on = wanted == mode_ && phase_ == Phase::steady;
+    requested_ = wanted;
+    if (goes_on) return Entry::none;
+    if (!drives(wanted)) {
+        // From motion: brake first. Arming is simply given up.
+        to(drives(mode_) ? Phase::ramping : Phase::steady);
+    } else if (drives(mode_)) {
+        enter(wanted);
+        return Entry::from_driving;
     } else {
-        const bool emergency = now.stop_line_active || now.stop_message;
-        if (emergency) {  // remembered, whatever the fault was before
-            fault_ = now.stop_line_active ? Fault::emergency_stop_line : Fault::emergency_stop_message;
-        }
-        // Braking needs feedback, obedient drives and time; without one of them it becomes coasting.
-        if (now.feedback_stale || now.encoder_implausible || now.foreign_control || !now.drives_armed ||
-            now.drive_error || now.bus_down || now.not_finite ||
-            (emergency && !config_.stops.emergency_stop_ramps)) {
-            phase_ = Phase::steady;
-        }
+        to(Phase::arming);
     }
+    return Entry::none;
+}
 
+void Supervisor::to(Phase phase) {
+    if (phase_ != phase) phase_cycles_ = 0;
+    phase_ = phase;
+}
+
+void Supervisor::enter(Mode mode) {
+    mode_ = mode;
+    phase_ = Phase::steady;
+    phase_cycles_ = 0;
+}
+
+// Arming and ramping to idle are watched by the rules of the driving modes, and so is a latched fault: what
+// would have coasted ends its ramp. True: a fault was latched in this cycle.
+bool Supervisor::watch(const Conditions& now) {
+    if (!any_holds(now)) return false;
+    const std::uint16_t watched = mode_ == Mode::fault      ? kDriving
+                                  : phase_ == Phase::arming ? bit(requested_)
+                                                            : bit(mode_);
+    const std::uint32_t exempt = kPhases[unsigned(phase_)].exempt;
+    const FaultRule* first = nullptr;
+    bool ramp = true;
+    for (const FaultRule& rule : kFaultRules) {
+        if (now.*rule.when != rule.is || (rule.modes & watched) == 0 || (exempt & bit(rule.fault)) != 0) {
+            continue;
+        }
+        if (first == nullptr) first = &rule;
+        ramp = ramp && rule.ramps != kCoast && config_.stops.*rule.ramps;
+    }
+    if (first == nullptr) return false;
+    if (mode_ != Mode::fault) {
+        stop(first->fault, ramp);
+        return true;
+    }
+    if (first->dominates) fault_ = first->fault;
+    if (!ramp) phase_ = Phase::steady;
+    return false;
+}
+
+Entry Supervisor::advance(const Conditions& now, Entry entry) {
     switch (phase_) {
         case Phase::arming:
             if (now.arming_refused || phase_cycles_ > config_.arming_limit_cycles) {
-                blocker_ = !now.watchdog_confirmed ? Blocker::watchdog_not_confirmed
-                           : now.drive_error       ? Blocker::drive_error
-                                                   : Blocker::drives_not_armed;
+                const Requirement* why = unmet(kArmingFailures, kDrives, now);
+                blocker_ = why == nullptr ? Blocker::drives_not_armed : why->otherwise;
                 stop(Fault::arming_refused, false);
-            } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself &&
-                       (now.path_known || (bit(requested_) & kPathModes) == 0)) {
+            } else if (unmet(kArmedRules, rule_of(requested_).needs, now) == nullptr) {
                 // What the request rested on may have changed since.
-                blocker_ = blocker_into(requested_, now);
-                if (blocker_ == Blocker::none) {
-                    enter(requested_);
-                } else {
+                blocker_ = refusal(requested_, now);
+                if (blocker_ != Blocker::none) {
                     requested_ = Mode::idle;
                     phase_ = Phase::steady;
+                } else {
+                    enter(requested_);
+                    return Entry::from_rest;
                 }
             }
             break;
@@ -104,64 +157,21 @@ void Supervisor::step(const Conditions& now) {
             }
             break;
         case Phase::steady:
-            if ((bit(mode_) & kDriving) != 0 && now.mode_finished) {
+            if (drives(mode_) && entry == Entry::none && now.mode_finished) {
                 requested_ = Mode::idle;
-                phase_ = Phase::ramping;
-                phase_cycles_ = 0;
+                to(Phase::ramping);
             }
             break;
     }
-}
-
-void Supervisor::enter(Mode mode) {
-    mode_ = mode;
-    phase_ = Phase::steady;
-    phase_cycles_ = 0;
-    entered_ = true;
+    return entry;
 }
 
 void Supervisor::stop(Fault fault, bool ramp) {
     fault_ = fault;
     requested_ = Mode::idle;
     // A ramp makes sense only where a mode was driving.
-    phase_ = ramp && (bit(mode_) & kDriving) != 0 ? Phase::ramping : Phase::steady;
-    phase_cycles_ = 0;
+    to(ramp && drives(mode_) ? Phase::ramping : Phase::steady);
     mode_ = Mode::fault;
-    entered_ = false;
-    entry_pending_ = false;
-}
-
-// While arming there is no set-point yet, no armed drive that could leave that state, and a drive's error
-// shows as a refusal. Braking to rest needs no set-point.
-bool Supervisor::exempt(Fault fault) const {
-    switch (phase_) {
-        case Phase::arming:
-            return fault == Fault::stale_command || fault == Fault::drive_left_armed_state ||
-                   fault == Fault::drive_error;
-        case Phase::ramping:
-            return fault == Fault::stale_command;
-        case Phase::steady:
-            return false;
-    }
-    return false;
-}
-
-bool Supervisor::ramps(StopBy stop) const {
-    switch (stop) {
-        case StopBy::coast:
-            return false;
-        case StopBy::as_configured_stale_command:
-            return config_.stops.stale_command_ramps;
-        case StopBy::as_configured_over_speed:
-            return config_.stops.over_speed_ramps;
-        case StopBy::as_configured_emergency_stop:
-            return config_.stops.emergency_stop_ramps;
-        case StopBy::as_configured_overrun:
-            return config_.stops.overrun_ramps;
-        case StopBy::as_configured_terminate:
-            return config_.stops.terminate_ramps;
-    }
-    return false;
 }
 
 }  // namespace wheelwright::supervisor

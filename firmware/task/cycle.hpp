@@ -13,17 +13,16 @@
 
 #include "drivers/motor_drive.hpp"
 #include "firmware/control/encoder_watch.hpp"
-#include "firmware/control/odometry.hpp"
-#include "firmware/control/wheel_observer.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/supervisor/supervisor.hpp"
 #include "firmware/task/bus_meter.hpp"
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/host_link.hpp"
+#include "firmware/task/judge.hpp"
 #include "firmware/task/learning.hpp"
 #include "firmware/task/motion_control.hpp"
 #include "firmware/task/parameter_service.hpp"
-#include "firmware/task/slip_watch.hpp"
+#include "firmware/task/senses.hpp"
 #include "firmware/task/telemetry.hpp"
 #include "hal/can_bus.hpp"
 #include "hal/digital_line.hpp"
@@ -85,23 +84,23 @@ class Cycle {
     const supervisor::Supervisor& supervisor() const { return supervisor_; }
     const MotionControl& control() const { return control_; }
     const Learning& learning() const { return learning_; }
-    const control::Odometry<double>& odometry() const { return odometry_; }
-    const control::WheelObserver<double>& observer() const { return observer_; }
+    const control::Odometry<double>& odometry() const { return senses_.odometry(); }
+    const control::WheelObserver<double>& observer() const { return senses_.observer(); }
     const supervisor::Conditions& conditions() const { return conditions_; }
 
   private:
     static constexpr int kMostFramesPerCycle = 64;  // per bus; what is left waits for the next cycle
 
     // The steps of a cycle, in order.
-    void receive();
-    void observe();
-    void judge_conditions();
-    void obey();
-    void serve_parameters();
-    void decide();
-    void learn();
-    void guard_torque();
-    void note_times();
+    const HostEvents& receive(const CycleTime& time);
+    Told told(const HostEvents& events) const;
+    supervisor::Conditions judge(const Observed& seen, const HostEvents& events);
+    supervisor::Verdict permit(const HostEvents& events);
+    void command_drives(const supervisor::Verdict& verdict);
+    void enter_mode(const supervisor::Verdict& verdict, const Observed& seen);
+    void serve_parameters(const HostEvents& events);
+    MotionOutput decide(const supervisor::Verdict& verdict, const Observed& seen);
+    bool learn(const supervisor::Verdict& verdict, const Observed& seen, const MotionOutput& output);
 
     void fill(ReportPart part, CycleReport& report) const;
     void fill_status(protocol::Status& status) const;
@@ -112,34 +111,28 @@ class Cycle {
     void configure();
     void finish_identification();
     [[gnu::noinline]] void use_rough_model();
-    template <typename Setpoint>
-    bool late(const Setpoint& setpoint, std::uint16_t cycle_time_ms) const;
-    bool setpoint_stale() const;
-    void forget_late_setpoints();
-    bool stale(std::int64_t time_ns, double limit_s) const;
-    MotionInputs motion_inputs() const;
-    [[gnu::noinline]] WheelPair<double> identify(const MotionInputs& now);
-    bool encoder_implausible();
-    bool may_brake() const { return conditions_.model_known || rough_model_; }
+    bool encoder_implausible(const Observed& seen);
+    bool may_brake() const { return model_known_ || rough_model_; }
+    bool identifying() const {
+        return supervisor_.may_drive() &&
+               supervisor::rule_of(supervisor_.mode()).law == supervisor::Law::excitation;
+    }
+    double elapsed_s() const { return static_cast<double>(1 + time_.missed) * kCyclePeriod_s; }
 
     model::RobotParameters& parameters_;
     CyclePorts ports_;
     HostLink host_;
     ParameterService service_;
-    SaveMailbox& mailbox_;
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
-    control::WheelObserver<double> observer_;
+    Senses senses_;
     control::EncoderWatch encoder_watch_;
-    control::Odometry<double> odometry_;
+    Judge judge_;
     MotionControl control_;
     Learning learning_;
-    SlipWatch slip_;
-    Learning::Sample sample_;
     Telemetry telemetry_;
     CycleReport report_;
     bool long_cycle_ = false;  // telemetry waits
-    int adapted_since_ = 0;    // cycles that a new model waits for the controllers; 0: none does
     OverrunMonitor overrun_;
     BusMeter drive_meter_;
     BusMeter host_meter_;
@@ -153,27 +146,13 @@ class Cycle {
     CycleTime time_;
     std::uint64_t cycle_ = 0;
     std::int64_t send_phase_ns_;
-    double elapsed_s_ = kCyclePeriod_s;
     MotionOutput output_;
-    WheelPair<double> sent_torque_Nm_;
-    bool effects_measured_ = false;
-    double slip_limit_rad_per_s_ = 0;
-    bool angles_known_ = false;
-    std::int64_t sample_age_ns_ = 0;
-    std::uint32_t foreign_control_ = 0;  // of both drives, by the end of the cycle before
-    bool was_armed_ = false;
-    bool was_ramping_ = false;
-    bool drives_wanted_ = false;
     bool overran_ = false;
-    bool identifying_ = false;
+    bool model_known_ = false;
     bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
-    int resting_cycles_ = 0;
-    WheelPair<double> slow_wheels_;            // speeds, averaged
-    std::array<std::int64_t, 2> report_ns_{};  // of the drives' newest torque reports
     bool bus_lost_ = false;
     int refused_torques_ = 0;
     std::uint32_t send_refused_ = 0;
-    std::uint32_t stale_feedback_cycles_ = 0;
     std::int64_t longest_wake_ns_ = 0;
     std::int64_t longest_execution_ns_ = 0;
     protocol::IdentSettings ident_settings_;

@@ -12,7 +12,7 @@ namespace {
 
 // Another sequence for each run, so that repeated runs differ as their standard errors say; the same when a
 // recorded run is replayed: drawn from the time and from the last digits of what the encoders read.
-std::uint32_t excitation_seed(const MotionInputs& now) {
+std::uint32_t excitation_seed(const Observed& now) {
     std::uint64_t x = static_cast<std::uint64_t>(now.now_ns);
     for (const double angle : {now.motion.wheel_angle_rad.left, now.motion.wheel_angle_rad.right}) {
         x = (x ^ std::bit_cast<std::uint64_t>(angle)) *
@@ -29,7 +29,7 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
     options.dynamics = p.dynamics;
     options.sample_time_s = kCyclePeriod_s;
     options.kernel_s = kernel_s;
-    options.sample_age_s = Learning::sample_age_s(p);
+    options.sample_age_s = Senses::sample_age_s(p);
     options.delay_s =
         p.velocity_loop.actuation_delay_s + model::effects_delay_s(p.effects) + options.sample_age_s;
     return options;
@@ -71,7 +71,7 @@ double chosen(double asked, double standard) { return asked > 0 ? asked : standa
 }  // namespace
 
 void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
-                                    const MotionInputs& now) {
+                                    const Observed& now) {
     ident::IdentificationOptions<double> options;
     ident::SizingRequest& sizing = options.sizing;
     sizing.amplitude_Nm = chosen(settings.amplitude_Nm, p.ident.amplitude_Nm);
@@ -112,12 +112,27 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     options.delay_phase_s = p.ident.delay_phase_s;
     options.duration_s = chosen(settings.duration_s, p.ident.duration_s);
     run_.start(options, now.pose, excitation_seed(now));
-    sample_age_s_ = sample_age_s(p);
+    sample_age_s_ = Senses::sample_age_s(p);
     duration_s_ = options.duration_s;
     relative_standard_error_ = p.ident.relative_standard_error;
     minimum_excitation_ = p.adaptation.minimum_excitation;
     started_ = true;
     adapting_ = false;
+}
+
+WheelPair<double> Learning::identify(const Observed& seen,
+                                     const std::array<const drivers::DriveFeedback*, 2>& feedback) {
+    ident::ProbeSample senses;
+    senses.angle_rad = seen.sample.angle_rad;
+    senses.usable = seen.angles_known;  // swapped wheels look like slip; the probe tells them apart
+    senses.reported_Nm = {feedback[0]->torque_Nm, feedback[1]->torque_Nm};
+    for (std::size_t i = 0; i < 2; ++i) {
+        senses.report_is_new[i] = feedback[i]->torque_time_ns != report_ns_[i];
+        report_ns_[i] = feedback[i]->torque_time_ns;
+    }
+    senses.pose_is_new = seen.external_pose != nullptr;
+    if (senses.pose_is_new) senses.pose = *seen.external_pose;
+    return run_.step(seen.sample, seen.pose, seen.motion.twist, senses);
 }
 
 model::Dynamics<double> Learning::probed_dynamics() const {
@@ -190,10 +205,10 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     }
 }
 
-void Learning::start_adaptation(const model::RobotParameters& p, const control::PlantModel<double>& plant,
-                                double lap_s) {
+void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& control) {
+    const control::PlantModel<double>& plant = control.plant();
     ident::AdaptiveEstimatorOptions<double> options;
-    options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * lap_s);
+    options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * control.lap_s());
     double kernel_s = options.memory_s / kKernelsRemembered;
     if (p.adaptation.dither_error > 0)
         kernel_s = std::min(kernel_s, kKernelOverRow * planned_dither_s(p, plant.dynamics) / kRowsADither);
@@ -225,11 +240,27 @@ void Learning::start_adaptation(const model::RobotParameters& p, const control::
     dither_over_noise_ = error > 0 ? std::sqrt(2 * adaptive_.row_interval_s() / options.memory_s) / error : 0;
     torque_limit_Nm_ = p.limits.torque_Nm;
     adapting_ = true;
+    control.dither().configure(dither_period_s_, kCyclePeriod_s, track_m_);
 }
 
-bool Learning::adapt(const Sample& sample, bool may_adapt, bool busy) {
-    estimate_is_new_ = adaptive_.push(sample, busy);
-    return guard_.update(adaptive_.estimate(), may_adapt);
+bool Learning::adapt(const Observed& seen, bool saturated, MotionControl& control) {
+    // Fusing a pose, learning and handing over are all long: the model follows some cycles later.
+    const bool busy = seen.external_pose != nullptr;
+    const bool waited = adapted_since_ > 0;
+    if (waited && (!busy || ++adapted_since_ > 3)) {
+        control.change_model(adapted_dynamics(), guard_.effects(), seen.motion);
+        adapted_since_ = 0;
+    }
+    const bool estimate_is_new = adaptive_.push(seen.sample, busy);
+    const bool changed = guard_.update(adaptive_.estimate(), !saturated && !seen.slipping);
+    if (changed && adapted_since_ == 0) adapted_since_ = 1;
+    if (estimate_is_new) {
+        const WheelPair<double> rim = dither_m_per_s2();
+        control.dither().set_amplitudes(rim.left, rim.right);
+    }
+    // not for poses that come in every cycle
+    was_long_ = waited || adapted_since_ == 1 || (busy && !was_long_);
+    return was_long_;
 }
 
 model::Dynamics<double> Learning::adapted_dynamics() const {

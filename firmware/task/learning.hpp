@@ -4,6 +4,7 @@
 // Threads: the cycle's. No call allocates, blocks or throws.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "firmware/control/feedback_linearisation.hpp"
@@ -19,20 +20,12 @@ namespace wheelwright::task {
 
 class Learning {
   public:
-    using Sample = ident::IdentSample<double>;
-
-    // How long before the cycle's instant the angles of a Sample were: the estimators count it as delay.
-    static double sample_age_s(const model::RobotParameters& parameters) {
-        return 1e-3 * (1 + parameters.drive.encoder_period_ms);
-    }
-
     // Settings of zero mean the robot file's value.
     void start_identification(const model::RobotParameters& parameters,
-                              const protocol::IdentSettings& settings, const MotionInputs& now);
-    WheelPair<double> identify(const Sample& sample, const Pose<double>& pose, const Twist<double>& twist,
-                               const ident::ProbeSample& senses) {
-        return run_.step(sample, pose, twist, senses);
-    }
+                              const protocol::IdentSettings& settings, const Observed& now);
+    // The excitation's torque. `feedback`: of both drives, left and right.
+    WheelPair<double> identify(const Observed& seen,
+                               const std::array<const drivers::DriveFeedback*, 2>& feedback);
     bool identification_finished() const { return run_.finished(); }
     // K7 and K8 are known. K5 and K6 too: identification().coupling_known().
     bool identification_succeeded() const { return run_.state() == ident::IdentState::done; }
@@ -45,21 +38,18 @@ class Learning {
     // Writes what the run found to the live parameters; they are then the controllers' model.
     void record(ParameterService& service, model::RobotParameters& live) const;
 
-    // `lap_s`: the period of what will be driven; 0: not known.
-    void start_adaptation(const model::RobotParameters& parameters, const control::PlantModel<double>& plant,
-                          double lap_s);
-    // True when what is adapted differs from before. `may_adapt`: nothing forbids it (saturation, slip).
-    // `busy`: what can wait for a cycle shall.
-    bool adapt(const Sample& sample, bool may_adapt, bool busy);
-    model::Dynamics<double> adapted_dynamics() const;  // as beside adapted_effects() in a robot file
-    const model::EffectSet<double>& adapted_effects() const { return guard_.effects(); }
+    // In the cycle that enters a mode that learns, after MotionControl::enter(); sets its dither.
+    void start_adaptation(const model::RobotParameters& parameters, MotionControl& control);
+    // One cycle of such a mode: learns from what was seen, hands the model on to `control` and sets its
+    // dither. `saturated`: the torque was at its limit, from which nothing is learned. True: the cycle was
+    // long, what can wait shall.
+    bool adapt(const Observed& seen, bool saturated, MotionControl& control);
+    // No mode that learns drives in this cycle.
+    void rest() {
+        adapted_since_ = 0;
+        was_long_ = false;
+    }
     bool adaptation_frozen() const;
-    bool estimate_is_new() const { return estimate_is_new_; }  // of the last adapt()
-    // The motion that adaptation wants beside the path: its period, and the amplitudes at a wheel's rim,
-    // forward and turning.
-    double dither_period_s() const { return dither_period_s_; }
-    WheelPair<double> dither_m_per_s2() const;
-
     // The estimate of whichever ran last.
     const ident::DynamicsEstimate<double>& estimate() const {
         return adapting_ ? adaptive_.estimate() : run_.estimate();
@@ -70,6 +60,8 @@ class Learning {
     bool excited() const;
 
   private:
+    model::Dynamics<double> adapted_dynamics() const;  // as beside the guard's effects in a robot file
+    WheelPair<double> dither_m_per_s2() const;         // amplitudes at a wheel's rim, forward and turning
     model::Dynamics<double> record_asymmetry(ParameterService& service, model::RobotParameters& live) const;
 
     ident::IdentificationRun<double> run_;
@@ -84,7 +76,9 @@ class Learning {
     double minimum_excitation_ = 0;
     bool started_ = false;
     bool adapting_ = false;
-    bool estimate_is_new_ = false;
+    bool was_long_ = false;
+    int adapted_since_ = 0;  // cycles that a new model waits for the controllers; 0: none does
+    std::array<std::int64_t, 2> report_ns_{};  // of the drives' newest torque reports
 };
 
 }  // namespace wheelwright::task

@@ -1,11 +1,14 @@
 #include "firmware/task/motion_control.hpp"
 
 #include <algorithm>
+#include <cmath>
 
 #include "firmware/task/cycle_schedule.hpp"
 
 namespace wheelwright::task {
 namespace {
+
+using supervisor::Law;
 
 bool same_request(const control::LoopDesignRequest<double>& a, const control::LoopDesignRequest<double>& b) {
     return a.method == b.method && a.settling_time_s == b.settling_time_s && a.damping == b.damping &&
@@ -23,6 +26,16 @@ constexpr double kRampShare = 0.25;
 constexpr int kPacePoints = 2;
 
 }  // namespace
+
+MotionOutput guarded(const MotionOutput& wanted, double torque_limit_Nm) {
+    MotionOutput output = wanted;
+    WheelPair<double>& torque = output.torque_Nm;
+    output.finite = std::isfinite(torque.left) && std::isfinite(torque.right);
+    if (!output.finite) torque = {};
+    torque.left = std::clamp(torque.left, -torque_limit_Nm, torque_limit_Nm);
+    torque.right = std::clamp(torque.right, -torque_limit_Nm, torque_limit_Nm);
+    return output;
+}
 
 void MotionControl::configure(const model::RobotParameters& parameters) {
     parameters_ = parameters;
@@ -100,35 +113,36 @@ protocol::TrajectoryPace MotionControl::told_pace() const {
 }
 
 // The figure-8 lies in the fixed frame, as in Fig. 20; the other paths begin where the robot stands.
-void MotionControl::begin_path(const MotionInputs& now) {
+void MotionControl::begin_path(const Observed& now) {
     path_ = pace_.path();
     if (path_.kind != control::PathKind::figure_eight) path_.origin = now.pose;
     trajectory_start_ns_ = now.now_ns;
 }
 
 // The loops take over from whatever drove last; where they drove themselves, they simply go on.
-void MotionControl::take_over(const MotionInputs& now) {
+void MotionControl::take_over(const Observed& now) {
     if (!loops_drive_) loop_.start(plant_, now.motion, now.last_torque_Nm);
 }
 
-void MotionControl::enter(protocol::Mode mode, const MotionInputs& now) {
+void MotionControl::enter(Law law, const Observed& now) {
     take_over(now);
-    switch (mode) {
-        case protocol::Mode::velocity:
+    switch (law) {
+        case Law::velocity:
             limiter_.reset(now.motion.twist);
             break;
-        case protocol::Mode::pose:
+        case Law::pose:
             pose_.start(now.motion.twist);
             break;
-        case protocol::Mode::trajectory:
-        case protocol::Mode::adaptive:
+        case Law::path:
             tracker_.start(now.motion.twist);
             limiter_.reset(now.motion.twist);
             trajectory_start_ns_ = 0;
             streamed_.reset();
             streamed_time_ns_ = 0;
             break;
-        default:
+        case Law::none:
+        case Law::torque:
+        case Law::excitation:
             break;
     }
 }
@@ -143,7 +157,7 @@ MotionOutput MotionControl::open_loop(const WheelPair<double>& wanted_Nm) const 
     return out;
 }
 
-MotionOutput MotionControl::follow(const MotionInputs& now, const Twist<double>& wanted) {
+MotionOutput MotionControl::follow(const Observed& now, const Twist<double>& wanted) {
     MotionOutput out;
     const Twist<double> scaled = control::scale_jointly(wanted, parameters_.limits.speed_m_per_s,
                                                         parameters_.limits.yaw_rate_rad_per_s, out.limits);
@@ -156,7 +170,7 @@ MotionOutput MotionControl::follow(const MotionInputs& now, const Twist<double>&
     return out;
 }
 
-MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host, bool dither) {
+MotionOutput MotionControl::track(const Observed& now, const HostLink& host, bool dither) {
     MotionOutput out;
     control::ReferencePoint<double> point;
     if (streamed()) {
@@ -184,40 +198,47 @@ MotionOutput MotionControl::track(const MotionInputs& now, const HostLink& host,
     return out;
 }
 
-MotionOutput MotionControl::torque(protocol::Mode mode, const MotionInputs& now, const HostLink& host) {
-    switch (mode) {
-        case protocol::Mode::torque:
-            loops_drive_ = false;
-            return open_loop(host.torque_Nm.received ? host.torque_Nm.value : WheelPair<double>{});
-        case protocol::Mode::velocity:
-            return follow(now, host.velocity.received ? host.velocity.value : Twist<double>{});
-        case protocol::Mode::pose: {
-            if (host.goal.received) pose_.set_goal(host.goal.value.pose, host.goal.value.direction);
-            const auto command = pose_.update(now.pose, now.elapsed_s);
-            MotionOutput out;
-            loops_drive_ = true;
-            out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
-            out.reference = command.reference.twist;
-            out.tracking_error = {command.distance_m, 0, -command.heading_error_rad};
-            out.limits = command.flags;
-            out.limits.add(loop_.flags());
-            out.goal_reached = command.goal_reached;
-            return out;
-        }
-        case protocol::Mode::trajectory:
-        case protocol::Mode::adaptive:
-            return track(now, host, mode == protocol::Mode::adaptive);
-        default:
-            return {};
-    }
+MotionOutput MotionControl::drive_to(const Observed& now, const HostLink& host) {
+    if (host.goal.received) pose_.set_goal(host.goal.value.pose, host.goal.value.direction);
+    const auto command = pose_.update(now.pose, now.elapsed_s);
+    MotionOutput out;
+    loops_drive_ = true;
+    out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
+    out.reference = command.reference.twist;
+    out.tracking_error = {command.distance_m, 0, -command.heading_error_rad};
+    out.limits = command.flags;
+    out.limits.add(loop_.flags());
+    out.goal_reached = command.goal_reached;
+    return out;
 }
 
-void MotionControl::begin_braking(const MotionInputs& now) {
+MotionOutput MotionControl::torque(const supervisor::ModeRule& mode, const Observed& now,
+                                   const HostLink& host) {
+    switch (mode.law) {
+        case Law::torque:
+            loops_drive_ = false;
+            return open_loop(host.torque_Nm.received ? host.torque_Nm.value : WheelPair<double>{});
+        case Law::velocity: {
+            const bool told = mode.setpoint == supervisor::Setpoint::velocity && host.velocity.received;
+            return follow(now, told ? host.velocity.value : Twist<double>{});
+        }
+        case Law::pose:
+            return drive_to(now, host);
+        case Law::path:
+            return track(now, host, mode.learns);
+        case Law::none:
+        case Law::excitation:
+            break;
+    }
+    return {};
+}
+
+void MotionControl::begin_braking(const Observed& now) {
     take_over(now);
     limiter_.reset(now.motion.twist);
 }
 
-MotionOutput MotionControl::brake(const MotionInputs& now) {
+MotionOutput MotionControl::brake(const Observed& now) {
     if (!design_accepted_) return {};  // without loops that are known to be stable: coast
     return follow(now, {});
 }

@@ -17,17 +17,11 @@
 #include "firmware/control/velocity_loop.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
+#include "firmware/supervisor/modes.hpp"
 #include "firmware/task/host_link.hpp"
+#include "firmware/task/senses.hpp"
 
 namespace wheelwright::task {
-
-struct MotionInputs {
-    std::int64_t now_ns = 0;
-    double elapsed_s = 0;  // since the cycle before
-    model::Motion<double> motion;
-    Pose<double> pose;
-    WheelPair<double> last_torque_Nm;
-};
 
 struct MotionOutput {
     WheelPair<double> torque_Nm;
@@ -35,7 +29,11 @@ struct MotionOutput {
     Pose<double> tracking_error;  // reference less robot, in the robot's frame: along, across, heading
     control::LimiterFlags limits;
     bool goal_reached = false;
+    bool finite = true;
 };
+
+// Nothing that is not a number, and nothing over the limit: what of an output may leave the firmware.
+MotionOutput guarded(const MotionOutput& wanted, double torque_limit_Nm);
 
 class MotionControl {
   public:
@@ -72,26 +70,27 @@ class MotionControl {
     control::Dither<double>& dither() { return dither_; }
 
     // Call in the cycle that enters a mode, before torque().
-    void enter(protocol::Mode mode, const MotionInputs& now);
+    void enter(supervisor::Law law, const Observed& now);
 
-    // The law of a mode; host holds the set-points. Modes without a law of their own give zero.
-    MotionOutput torque(protocol::Mode mode, const MotionInputs& now, const HostLink& host);
+    // By the law of a mode; host holds the set-points. Zero without a law, and for excitation.
+    MotionOutput torque(const supervisor::ModeRule& mode, const Observed& now, const HostLink& host);
 
     // Brakes to rest; begin_braking() once before.
-    void begin_braking(const MotionInputs& now);
-    MotionOutput brake(const MotionInputs& now);
+    void begin_braking(const Observed& now);
+    MotionOutput brake(const Observed& now);
 
     // Nothing drives: the loops forget.
     void release();
 
   private:
     MotionOutput open_loop(const WheelPair<double>& wanted_Nm) const;
-    MotionOutput follow(const MotionInputs& now, const Twist<double>& wanted);
-    MotionOutput track(const MotionInputs& now, const HostLink& host, bool dither);
-    void begin_path(const MotionInputs& now);
+    MotionOutput drive_to(const Observed& now, const HostLink& host);
+    MotionOutput follow(const Observed& now, const Twist<double>& wanted);
+    MotionOutput track(const Observed& now, const HostLink& host, bool dither);
+    void begin_path(const Observed& now);
     void step_pace();
     void use_gains();
-    void take_over(const MotionInputs& now);
+    void take_over(const Observed& now);
 
     model::RobotParameters parameters_;
     control::PlantModel<double> plant_;

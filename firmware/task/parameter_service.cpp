@@ -19,6 +19,46 @@ ParameterService::Result result_of(model::ParameterStatus status) {
 
 }  // namespace
 
+protocol::ParameterReply ParameterService::answer(const protocol::ParameterRequest& request, bool idle) {
+    using protocol::ParameterOperation;
+    protocol::ParameterReply reply;
+    reply.operation = request.operation;
+    reply.index = request.index;
+    reply.value = request.value;
+    switch (request.operation) {
+        case ParameterOperation::read: {
+            double value = 0;
+            reply.result = read(request.index, value);
+            reply.value = static_cast<float>(value);
+            break;
+        }
+        case ParameterOperation::write:
+            reply.result = stage(request.index, static_cast<double>(request.value));
+            break;
+        case ParameterOperation::commit:
+            reply.result = commit(idle);
+            break;
+        case ParameterOperation::discard:
+            reply.result = discard();
+            break;
+        case ParameterOperation::save:
+            reply.result = save();
+            reply.value = static_cast<float>(mailbox_.offered());
+            break;
+    }
+    return reply;
+}
+
+std::optional<protocol::ParameterReply> ParameterService::saved() {
+    const SaveMailbox::Outcome outcome = mailbox_.outcome();
+    if (outcome == SaveMailbox::Outcome::none) return std::nullopt;
+    protocol::ParameterReply reply;
+    reply.operation = protocol::ParameterOperation::save;
+    reply.value = static_cast<float>(mailbox_.offered());
+    reply.result = outcome == SaveMailbox::Outcome::saved ? Result::ok : Result::save_failed;
+    return reply;
+}
+
 ParameterService::Result ParameterService::read(std::uint16_t index, double& value) const {
     return result_of(model::read_parameter(live_, index, value));
 }

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
@@ -72,6 +73,11 @@ class ParameterService {
 
     // `live` outlives the service; only commit() and record() write to it.
     ParameterService(model::RobotParameters& live, SaveMailbox& mailbox) : live_(live), mailbox_(mailbox) {}
+
+    // Does what a request asks. `idle`: as for commit().
+    protocol::ParameterReply answer(const protocol::ParameterRequest& request, bool idle);
+    // How the last save ended, once.
+    std::optional<protocol::ParameterReply> saved();
 
     Result read(std::uint16_t index, double& value) const;
     Result stage(std::uint16_t index, double value);

@@ -8,6 +8,7 @@
 #include <optional>
 #include <vector>
 
+#include "firmware/supervisor/modes.hpp"
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
@@ -31,22 +32,31 @@ struct Options : LinkOptions {
 
 int complain(int status, const std::string& text) { return LinkOptions{}.complain(status, text); }
 
-template <typename Enum, std::size_t size>
-std::optional<Enum> by_name(const std::array<Enum, size>& values, const std::string& name) {
-    for (const Enum value : values) {
+template <typename Values>
+std::optional<typename Values::value_type> by_name(const Values& values, const std::string& name) {
+    for (const auto value : values) {
         if (to_string_view(value) == name) return value;
     }
     return std::nullopt;
 }
 
-template <typename Enum, std::size_t size>
-std::string names_of(const std::array<Enum, size>& values, std::size_t first = 0, std::size_t last = size) {
+template <typename Values>
+std::string names_of(const Values& values) {
     std::string text;
-    for (std::size_t i = first; i < last; ++i) {
+    for (const auto value : values) {
         if (!text.empty()) text += ", ";
-        text += to_string_view(values[i]);
+        text += to_string_view(value);
     }
     return text;
+}
+
+// The modes that may be asked for.
+std::vector<protocol::Mode> modes() {
+    std::vector<protocol::Mode> modes;
+    for (const supervisor::ModeRule& rule : supervisor::kModes) {
+        if (rule.from != supervisor::From::nowhere) modes.push_back(rule.mode);
+    }
+    return modes;
 }
 
 int print_frames(const Options& options, const std::vector<Command>& commands) {
@@ -282,17 +292,16 @@ void add_mode(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto name = std::make_shared<std::string>();
     const CommandLine command =
         subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it; ident: until it is over");
-    command.add_option("MODE", *name, "One of " + names_of(protocol::mode_values, 1, 8)).required();
+    command.add_option("MODE", *name, "One of " + names_of(modes())).required();
     command.footer(
         "Mode ident ends by itself: progress is shown, then what was found; Ctrl-C sends idle.\n"
         "Exit status 0 of ident: K7 and K8 are known; 3: refused, or not identified, and why; or nobody "
         "answered.");
     command.callback([=, &run] {
         run = [=] {
-            const auto mode = by_name(protocol::mode_values, *name);
-            if (!mode.has_value() || *mode == protocol::Mode::boot || *mode == protocol::Mode::fault) {
-                return complain(
-                    kUsage, "mode " + *name + ": expected one of " + names_of(protocol::mode_values, 1, 8));
+            const auto mode = by_name(modes(), *name);
+            if (!mode.has_value()) {
+                return complain(kUsage, "mode " + *name + ": expected one of " + names_of(modes()));
             }
             return send_mode(*options, *mode);
         };

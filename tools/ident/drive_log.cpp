@@ -16,7 +16,7 @@
 #include "firmware/protocol/bus_load.hpp"
 #include "firmware/protocol/codec.hpp"
 #include "firmware/task/cycle_schedule.hpp"
-#include "firmware/task/learning.hpp"
+#include "firmware/task/senses.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -177,7 +177,7 @@ class Reader {
           before_command_ns_(static_cast<std::int64_t>(robot.realtime.send_phase_s * 1e9 +
                                                        1e9 * protocol::worst_case_bits(8, false) /
                                                            robot.bus.bit_rate_bit_per_s)),
-          age_ns_(static_cast<std::int64_t>(task::Learning::sample_age_s(robot) * 1e9)) {
+          age_ns_(static_cast<std::int64_t>(task::Senses::sample_age_s(robot) * 1e9)) {
         plant_ = control::plant_model<double>(robot);
         observer_.configure(control::wheel_observer_settings<double>(robot, task::kCyclePeriod_s));
     }

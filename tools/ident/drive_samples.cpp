@@ -160,7 +160,7 @@ ident::RegressionFilterOptions<double> filter_options(const model::RobotParamete
     options.sample_time_s = task::kCyclePeriod_s;
     options.kernel_s = robot.ident.kernel_s > 0 ? robot.ident.kernel_s
                                                 : ident::kernel_for_bit_s(kUsualBit_s, task::kCyclePeriod_s);
-    options.sample_age_s = task::Learning::sample_age_s(robot);
+    options.sample_age_s = task::Senses::sample_age_s(robot);
     options.delay_s = robot.velocity_loop.actuation_delay_s + options.sample_age_s;
     return options;
 }
@@ -191,7 +191,7 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
                                       const Arrival& arrival) {
     std::vector<MeasuredLog> made;
     const double cycle_s = task::kCyclePeriod_s;
-    const double age = task::Learning::sample_age_s(robot) / cycle_s;
+    const double age = task::Senses::sample_age_s(robot) / cycle_s;
     const auto encoder =
         static_cast<std::ptrdiff_t>(std::ceil(1e-3 * robot.drive.encoder_period_ms / cycle_s));
     const std::ptrdiff_t period = cycles_per_sample(log, std::max(kFewestCyclesPerSample, 2 * encoder));

@@ -178,7 +178,9 @@ std::string RobotView::screen(std::int64_t now_ns) const {
     row("state", name(status_->state) +
                      (status_->requested != status_->state ? ", asked for " + name(status_->requested) : "") +
                      (now_ns - status_ns_ > kSilent_ns ? format("   SILENT for %.1f s", age_s) : ""));
-    row("fault", name(status_->fault));
+    row("fault", name(status_->fault) + (status_->cleared_by == protocol::Remedy::none
+                                             ? ""
+                                             : "   cleared by " + name(status_->cleared_by)));
     row("blocker", blocker_text(status_->blocker));
     row("limiting", limits_text());
     row("drives", "left " + name(status_->drive_left) + ", right " + name(status_->drive_right));

@@ -1,0 +1,85 @@
+#include "firmware/task/judge.hpp"
+
+#include <cmath>
+
+namespace wheelwright::task {
+namespace {
+
+using drivers::ArmRefusal;
+using drivers::DriveFault;
+using drivers::DriveState;
+
+// A robot stands when no rim has been faster than this share of safety.clear_speed_m_per_s for so long.
+constexpr double kStandingShare = 0.1;
+constexpr int kStandingCycles = 20;
+constexpr double kSlowGain =
+    1.0 / 50;  // a cycle: what moves on or has stopped is known within a tenth of a second
+
+// An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
+// K8. Where the parameters are not amounts (a phase), one of them may well be 0.
+bool effects_measured(const model::RobotParameters& p) {
+    bool measured = true;
+    model::for_each_active_index(p.effects.active, [&](std::size_t i) {
+        std::size_t unknown = 0;
+        const std::size_t count = model::kEffects[i].parameters.size();
+        for (std::size_t j = 0; j < count; ++j) {
+            if (p.effects.parameter[i][j] == 0 && p.effects_standard_error.parameter[i][j] == 0) ++unknown;
+        }
+        measured = measured && unknown < (model::kLinearInParameters[i] ? 1 : count);
+    });
+    return measured;
+}
+
+}  // namespace
+
+void Judge::configure() { effects_measured_ = effects_measured(parameters_); }
+
+supervisor::Conditions Judge::judge(const Evidence& evidence) {
+    supervisor::Conditions c = evidence.told;
+    const DriveSight& left = evidence.left;
+    const DriveSight& right = evidence.right;
+    const auto either = [&](auto DriveSight::*what, auto value) {
+        return left.*what == value || right.*what == value;
+    };
+    const auto& safety = parameters_.safety;
+    const std::int64_t now_ns = evidence.seen.now_ns;
+    c.feedback_stale = stale(left.encoder_time_ns, now_ns, safety.stale_feedback_s) ||
+                       stale(right.encoder_time_ns, now_ns, safety.stale_feedback_s);
+    if (c.feedback_stale) ++stale_feedback_cycles_;
+    const std::uint32_t foreign = left.foreign_control + right.foreign_control;
+    c.foreign_control = foreign != foreign_control_;
+    foreign_control_ = foreign;
+    c.drive_disarmed_itself = either(&DriveSight::fault, DriveFault::left_armed);
+    c.drive_error = either(&DriveSight::state, DriveState::fault) && !c.drive_disarmed_itself;
+    c.drive_silent = either(&DriveSight::state, DriveState::silent);
+    c.drives_armed = left.state == DriveState::armed && right.state == DriveState::armed;
+    c.arming_refused =
+        evidence.wants_armed && (left.refusal != ArmRefusal::none || right.refusal != ArmRefusal::none);
+    c.watchdog_confirmed = !either(&DriveSight::refusal, ArmRefusal::watchdog_not_confirmed);
+
+    // Written so that what is no number counts as dangerous.
+    const model::Motion<double>& motion = evidence.seen.motion;
+    c.over_speed = !(std::abs(motion.twist.v_m_per_s) <= safety.over_speed_m_per_s &&
+                     std::abs(motion.twist.omega_rad_per_s) <= safety.over_yaw_rate_rad_per_s);
+    const auto rims_within = [&radius = evidence.wheel_radius_m](const WheelPair<double>& speed_rad_per_s,
+                                                                 double limit_m_per_s) {
+        return std::abs(radius.left * speed_rad_per_s.left) <= limit_m_per_s &&
+               std::abs(radius.right * speed_rad_per_s.right) <= limit_m_per_s;
+    };
+    // the encoders' noise at rest, which has no mean, is no motion
+    slow_wheels_.left += kSlowGain * (motion.wheel_speed_rad_per_s.left - slow_wheels_.left);
+    slow_wheels_.right += kSlowGain * (motion.wheel_speed_rad_per_s.right - slow_wheels_.right);
+    c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s);
+    const bool stands = evidence.braking && rims_within(motion.wheel_speed_rad_per_s,
+                                                        kStandingShare * safety.clear_speed_m_per_s);
+    resting_cycles_ = stands ? resting_cycles_ + 1 : 0;
+    c.rolling = resting_cycles_ < kStandingCycles;
+    const auto& k = parameters_.dynamics;
+    const auto& e = parameters_.dynamics_standard_error;
+    const double trust = parameters_.adaptation.trust_relative_error;
+    c.model_trusted = effects_measured_ && e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 &&
+                      e.k7_per_kg_m <= trust * k.k7_per_kg_m && e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
+    return c;
+}
+
+}  // namespace wheelwright::task

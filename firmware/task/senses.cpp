@@ -1,0 +1,42 @@
+#include "firmware/task/senses.hpp"
+
+#include "firmware/task/cycle_schedule.hpp"
+
+namespace wheelwright::task {
+
+void Senses::configure(const model::RobotParameters& parameters) {
+    observer_.configure(control::wheel_observer_settings<double>(parameters, kCyclePeriod_s));
+    odometry_.configure(control::odometry_settings<double>(parameters));
+    slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters);
+    sample_age_ns_ = static_cast<std::int64_t>(sample_age_s(parameters) * 1e9);
+}
+
+Observed Senses::observe(const Told& told, const control::PlantModel<double>& plant) {
+    const auto sample = [](const drivers::DriveFeedback& f) {
+        return control::EncoderSample{f.position_rad, f.speed_rad_per_s, f.encoder_time_ns};
+    };
+    observer_.update(told.now_ns, sample(told.left), sample(told.right), plant);
+    odometry_.advance(plant.geometry, observer_.turned_rad(), told.now_ns);
+    if (told.external_pose != nullptr) {
+        odometry_.fuse(*told.external_pose);
+        slip_.compare(told.external_pose->heading_rad, odometry_.bare_pose().heading_rad, told.now_ns,
+                      slip_limit_rad_per_s_);
+    }
+    observer_.set_heading(odometry_.pose().heading_rad);
+
+    Observed seen;
+    seen.now_ns = told.now_ns;
+    seen.elapsed_s = told.elapsed_s;
+    seen.motion = observer_.motion();
+    seen.pose = odometry_.pose();
+    seen.last_torque_Nm = seen.sample.last_torque_Nm = told.sent_torque_Nm;
+    seen.angles_known = observer_.angles_at(told.now_ns - sample_age_ns_, sampled_rad_) && told.in_a_row;
+    seen.sample.angle_rad = sampled_rad_;
+    seen.slipping = slip_.slipping(told.now_ns);
+    seen.sample.usable = seen.angles_known && !seen.slipping;
+    seen.sample.heading_rad = seen.pose.heading_rad;
+    seen.external_pose = told.external_pose;
+    return seen;
+}
+
+}  // namespace wheelwright::task

@@ -1,0 +1,67 @@
+// The first step of a cycle: what the drives and an outside sensor have told becomes the robot's motion.
+//
+// Threads: the cycle's. No call allocates, blocks or throws.
+#pragma once
+
+#include <cstdint>
+
+#include "drivers/motor_drive.hpp"
+#include "firmware/control/odometry.hpp"
+#include "firmware/control/wheel_observer.hpp"
+#include "firmware/ident/regression_filter.hpp"
+#include "firmware/model/robot_parameters.hpp"
+#include "firmware/task/slip_watch.hpp"
+
+namespace wheelwright::task {
+
+// What has been told until a cycle's instant.
+struct Told {
+    std::int64_t now_ns = 0;
+    double elapsed_s = 0;  // since the cycle before
+    bool in_a_row = true;  // no cycle was missed
+    const drivers::DriveFeedback& left;
+    const drivers::DriveFeedback& right;
+    const Pose<double>* external_pose = nullptr;  // that came in this cycle
+    WheelPair<double> sent_torque_Nm;             // in the cycle before
+};
+
+// The robot's motion at a cycle's instant, as all laws, estimators and watchers take it.
+struct Observed {
+    std::int64_t now_ns = 0;
+    double elapsed_s = 0;
+    model::Motion<double> motion;
+    Pose<double> pose;
+    WheelPair<double> last_torque_Nm;
+    // For the estimators: the wheels' angles some cycles ago, by the encoders alone.
+    ident::IdentSample<double> sample;
+    bool angles_known = false;
+    bool slipping = false;
+    const Pose<double>* external_pose = nullptr;
+};
+
+class Senses {
+  public:
+    void configure(const model::RobotParameters& parameters);
+    // Once in each cycle, before torque_sent().
+    Observed observe(const Told& told, const control::PlantModel<double>& plant);
+    void torque_sent(const WheelPair<double>& torque_Nm) { observer_.torque_sent(torque_Nm); }
+
+    bool slipping(std::int64_t now_ns) const { return slip_.slipping(now_ns); }
+    const control::WheelObserver<double>& observer() const { return observer_; }
+    const control::Odometry<double>& odometry() const { return odometry_; }
+
+    // How long before the cycle's instant the angles of a sample were: the estimators count it as delay.
+    static double sample_age_s(const model::RobotParameters& parameters) {
+        return 1e-3 * (1 + parameters.drive.encoder_period_ms);
+    }
+
+  private:
+    control::WheelObserver<double> observer_;
+    control::Odometry<double> odometry_;
+    SlipWatch slip_;
+    double slip_limit_rad_per_s_ = 0;
+    std::int64_t sample_age_ns_ = 0;
+    WheelPair<double> sampled_rad_;  // as last known
+};
+
+}  // namespace wheelwright::task
