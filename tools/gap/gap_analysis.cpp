@@ -6,16 +6,16 @@
 #include <utility>
 
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_known.hpp"
-#include "tools/gap/gap_left.hpp"
-#include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_looks.hpp"
 #include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_models.hpp"
-#include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_rivals.hpp"
 #include "tools/gap/gap_slip.hpp"
+#include "tools/gap/inference/outcome.hpp"
+#include "tools/gap/inference/residual.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::gap {
 namespace {

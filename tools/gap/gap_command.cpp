@@ -17,10 +17,10 @@
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/progress_line.hpp"
 #include "tools/cli/report.hpp"
-#include "tools/gap/detection.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_output.hpp"
-#include "tools/gap/write_parameters.hpp"
+#include "tools/gap/report/injection.hpp"
+#include "tools/gap/report/output.hpp"
+#include "tools/gap/report/robot_files.hpp"
+#include "tools/gap/report/write_parameters.hpp"
 #include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {

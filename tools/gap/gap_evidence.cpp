@@ -7,8 +7,8 @@
 #include <numeric>
 #include <utility>
 
-#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/model/blocks.hpp"
 
 namespace wheelwright::gap {
 namespace {

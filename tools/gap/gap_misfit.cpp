@@ -9,7 +9,7 @@
 
 #include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_statistics.hpp"
-#include "tools/gap/products.hpp"
+#include "tools/gap/model/products.hpp"
 
 namespace wheelwright::gap {
 namespace {

@@ -93,7 +93,7 @@ struct Search {
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
     double closable_torque_share = 0, left_torque_share = 0;
-    // Of the closable gap, closed, by closed_share() (gap_outcome.hpp): the analysis' own, not the search's.
+    // Of the closable gap, closed, by closed_share() (outcome.hpp): the analysis' own, not the search's.
     // NaN: only sensors err.
     double closable_share = 0;
     double timing_samples = 0, timing_error = 0;  // torque acts later than logged

@@ -7,11 +7,11 @@
 #include <cstddef>
 #include <limits>
 
-#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_columns.hpp"
 #include "tools/gap/gap_errors.hpp"
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/model/blocks.hpp"
 #include "tools/gap/tyre_slip.hpp"
 
 namespace wheelwright::gap {

@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "tools/gap/gap_left.hpp"
+#include "tools/gap/inference/residual.hpp"
 #include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {

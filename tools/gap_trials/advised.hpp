@@ -2,7 +2,7 @@
 // would drive them, and all logs are analysed as one experiment.
 #pragma once
 
-#include "tools/gap/excitation.hpp"
+#include "tools/excite/excitation.hpp"
 #include "tools/gap_trials/further.hpp"
 #include "tools/gap_trials/hidden/motion.hpp"
 

@@ -9,10 +9,10 @@
 
 #include "sim_hal/plant.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
-#include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_refine.hpp"
+#include "tools/gap/model/free_run.hpp"
 //
 #include <CppUTest/TestHarness.h>
 

@@ -10,13 +10,13 @@
 #include "tests/support/seeds.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tests/tools/ident/temporary_file.hpp"
-#include "tools/gap/detection.hpp"
 #include "tools/gap/gap_analysis.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_heldout.hpp"
-#include "tools/gap/gap_logs.hpp"
-#include "tools/gap/gap_output.hpp"
-#include "tools/gap/gap_sensors.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/logs/sensors.hpp"
+#include "tools/gap/report/held_out.hpp"
+#include "tools/gap/report/injection.hpp"
+#include "tools/gap/report/output.hpp"
+#include "tools/gap/report/robot_files.hpp"
 //
 #include <CppUTest/TestHarness.h>
 

@@ -5,7 +5,7 @@
 #include <tuple>
 
 #include "sim_hal/plant.hpp"
-#include "tools/gap/motions.hpp"
+#include "tools/excite/motions.hpp"
 //
 #include <CppUTest/TestHarness.h>
 

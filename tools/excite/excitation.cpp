@@ -1,4 +1,4 @@
-#include "tools/gap/excitation.hpp"
+#include "tools/excite/excitation.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "tools/gap/gap_detectable.hpp"
+#include "tools/gap/inference/detection_limits.hpp"
 
 #include <algorithm>
 #include <array>

@@ -7,8 +7,8 @@
 #include <span>
 #include <vector>
 
-#include "tools/gap/free_run.hpp"
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/model/free_run.hpp"
+#include "tools/gap/model/rows.hpp"
 #include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "tools/gap/gap_fit.hpp"
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

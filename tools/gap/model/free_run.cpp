@@ -1,4 +1,4 @@
-#include "tools/gap/free_run.hpp"
+#include "tools/gap/model/free_run.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "firmware/model/robot_parameters.hpp"
-#include "tools/gap/motions.hpp"
+#include "tools/excite/motions.hpp"
 #include "tools/sim/simulation.hpp"
 
 namespace wheelwright::gap {

@@ -1,4 +1,4 @@
-#include "tools/gap/gap_blocks.hpp"
+#include "tools/gap/model/blocks.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,4 +1,4 @@
-#include "tools/gap/gap_output.hpp"
+#include "tools/gap/report/output.hpp"
 
 #include <algorithm>
 #include <cmath>
@@ -6,9 +6,9 @@
 #include <numbers>
 
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_files.hpp"
+#include "tools/excite/motions.hpp"
 #include "tools/gap/gap_statistics.hpp"
-#include "tools/gap/motions.hpp"
+#include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -23,7 +23,7 @@ std::string words_of(const Rival& rival) {
     return rival.motion != nullptr ? std::string(rival.motion->words) : "another motion";
 }
 
-// A free run that has no figure has run away (gap_heldout.hpp).
+// A free run that has no figure has run away (held_out.hpp).
 std::string error_text(double error_rad_per_s) {
     return std::isfinite(error_rad_per_s) ? number_text(error_rad_per_s, 3) : "runs away";
 }

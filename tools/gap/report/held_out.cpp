@@ -1,11 +1,11 @@
-#include "tools/gap/gap_heldout.hpp"
+#include "tools/gap/report/held_out.hpp"
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
 
-#include "tools/gap/gap_logs.hpp"
+#include "tools/gap/logs/experiment.hpp"
 
 namespace wheelwright::gap {
 namespace {

@@ -1,4 +1,4 @@
-#include "tools/gap/write_parameters.hpp"
+#include "tools/gap/report/write_parameters.hpp"
 
 #include <cstdio>
 #include <optional>

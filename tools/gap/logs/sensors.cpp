@@ -1,4 +1,4 @@
-#include "tools/gap/gap_sensors.hpp"
+#include "tools/gap/logs/sensors.hpp"
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
@@ -9,7 +9,7 @@
 #include <span>
 
 #include "firmware/model/exponential.hpp"
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 namespace {

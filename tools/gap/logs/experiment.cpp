@@ -1,4 +1,4 @@
-#include "tools/gap/gap_logs.hpp"
+#include "tools/gap/logs/experiment.hpp"
 
 #include <algorithm>
 #include <array>

@@ -9,8 +9,8 @@
 #include <vector>
 
 #include "firmware/model/robot_parameters.hpp"
-#include "tools/gap/gap_rows.hpp"
-#include "tools/gap/gap_sensors.hpp"
+#include "tools/gap/logs/sensors.hpp"
+#include "tools/gap/model/rows.hpp"
 #include "tools/logs/log_reading.hpp"
 #include "tools/logs/measured_log.hpp"
 

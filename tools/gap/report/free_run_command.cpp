@@ -10,8 +10,8 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_heldout.hpp"
-#include "tools/gap/gap_logs.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/report/held_out.hpp"
 
 namespace wheelwright::tools {
 namespace {

@@ -1,4 +1,4 @@
-#include "tools/gap/gap_left.hpp"
+#include "tools/gap/inference/residual.hpp"
 
 #include <algorithm>
 #include <array>
@@ -9,8 +9,8 @@
 #include <string_view>
 #include <vector>
 
-#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_places.hpp"
+#include "tools/gap/model/blocks.hpp"
 
 namespace wheelwright::gap {
 namespace {

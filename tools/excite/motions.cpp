@@ -1,4 +1,4 @@
-#include "tools/gap/motions.hpp"
+#include "tools/excite/motions.hpp"
 
 #include <algorithm>
 #include <array>

@@ -5,8 +5,8 @@
 #include <numbers>
 
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_output.hpp"
-#include "tools/gap/motions.hpp"
+#include "tools/excite/motions.hpp"
+#include "tools/gap/report/output.hpp"
 #include "tools/report/page.hpp"
 
 namespace wheelwright::gap {

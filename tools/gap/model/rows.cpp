@@ -1,4 +1,4 @@
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/model/rows.hpp"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -7,7 +7,7 @@
 #include <map>
 #include <optional>
 
-#include "tools/gap/products.hpp"
+#include "tools/gap/model/products.hpp"
 
 namespace wheelwright::gap {
 namespace {

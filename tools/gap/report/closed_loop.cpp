@@ -1,8 +1,8 @@
-#include "tools/gap/closed_loop.hpp"
+#include "tools/gap/report/closed_loop.hpp"
 
 #include <stdexcept>
 
-#include "tools/gap/gap_files.hpp"
+#include "tools/gap/report/robot_files.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::gap {

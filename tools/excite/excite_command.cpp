@@ -9,7 +9,7 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ctl/link.hpp"
-#include "tools/gap/excitation.hpp"
+#include "tools/excite/excitation.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::tools {

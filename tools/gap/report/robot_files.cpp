@@ -1,4 +1,4 @@
-#include "tools/gap/gap_files.hpp"
+#include "tools/gap/report/robot_files.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tools/gap/gap_search.hpp"
-#include "tools/gap/gap_sensors.hpp"
+#include "tools/gap/logs/sensors.hpp"
 #include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {

@@ -4,9 +4,9 @@
 
 #include <span>
 
-#include "tools/gap/gap_known.hpp"
-#include "tools/gap/gap_rows.hpp"
 #include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

@@ -1,4 +1,4 @@
-#include "tools/gap/gap_known.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "tools/gap/gap_outcome.hpp"
+#include "tools/gap/inference/outcome.hpp"
 
 #include <algorithm>
 #include <array>

@@ -1,5 +1,5 @@
 // What `wheelwright gap` says: words, gap.json (docs/gap.md), report.html. The robot files are
-// gap_files.hpp's.
+// robot_files.hpp's.
 #pragma once
 
 #include <string>

@@ -1,4 +1,4 @@
-#include "tools/gap/detection.hpp"
+#include "tools/gap/report/injection.hpp"
 
 #include <algorithm>
 #include <array>
@@ -11,8 +11,8 @@
 #include "sim_hal/plant.hpp"
 #include "tools/cli/in_parallel.hpp"
 #include "tools/cli/scratch_folder.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_logs.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::gap {
 namespace {

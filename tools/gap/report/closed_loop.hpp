@@ -43,7 +43,7 @@ struct ClosedLoopSetup {
 ClosedLoop close_loop(const ClosedLoopSetup& setup);
 
 // Controllers that believe what was found, what was fitted without the named effects, and the given model.
-// All as their robot files say (gap_files.hpp): what the log could not show is the given model's. The robot
+// All as their robot files say (robot_files.hpp): what the log could not show is the given model's. The robot
 // that drives is the one that was found, unless somebody knows the truth and puts it in `plant`. Throws
 // std::runtime_error without files.
 ClosedLoopSetup closed_loop_setup(const Findings& findings, const Request& request);
