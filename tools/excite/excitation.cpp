@@ -8,7 +8,7 @@
 #include "sim_hal/plant.hpp"
 #include "tools/sim/experiments.hpp"
 
-namespace wheelwright::gap {
+namespace wheelwright::excite {
 namespace {
 
 constexpr double kOfLimit = 0.7;        // of speed and yaw rate, foretold
@@ -140,4 +140,4 @@ std::string drive_excitation(tools::Simulation& sim, const Excitation& e,
     return stopped;
 }
 
-}  // namespace wheelwright::gap
+}  // namespace wheelwright::excite

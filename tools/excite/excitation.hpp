@@ -9,7 +9,7 @@
 #include "tools/excite/motions.hpp"
 #include "tools/sim/simulation.hpp"
 
-namespace wheelwright::gap {
+namespace wheelwright::excite {
 
 struct Advice {
     std::string tell, from;  // effects
@@ -49,4 +49,4 @@ Excitation plan_excitation(const Advice& advice, const model::RobotParameters& r
 std::string drive_excitation(tools::Simulation& sim, const Excitation& excitation,
                              const std::function<void(double share)>& progress = {});
 
-}  // namespace wheelwright::gap
+}  // namespace wheelwright::excite

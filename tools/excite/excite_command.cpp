@@ -19,7 +19,7 @@ struct Options {
     std::string advice, robot = WHEELWRIGHT_ROBOTS "/default.toml", plant, log, interface, json;
     std::uint64_t seed = 1;
     std::size_t which = 1;
-    int rounds = gap::kUsualRounds;
+    int rounds = excite::kUsualRounds;
     bool yes = false;
 };
 
@@ -28,7 +28,7 @@ int complain(int status, const std::string& text) {
     return status;
 }
 
-void describe(const gap::Advice& advice, const gap::Excitation& e, Report& report) {
+void describe(const excite::Advice& advice, const excite::Excitation& e, Report& report) {
     report.section("motion", "To tell " + advice.tell + " from " + advice.from);
     report.add("name", "motion", std::string(e.motion->name), "", std::string(e.motion->words));
     report.add("torque_Nm", "size", e.size_Nm, "Nm",
@@ -43,7 +43,7 @@ void describe(const gap::Advice& advice, const gap::Excitation& e, Report& repor
     report.add("farthest_m", "room needed around the start, by the model", e.farthest_m, "m");
 }
 
-int simulate(const Options& options, const task::RobotFile& robot, const gap::Excitation& e) {
+int simulate(const Options& options, const task::RobotFile& robot, const excite::Excitation& e) {
     const task::RobotFile plant = load_robot(options.plant);
     SimulationOptions settings;
     settings.seed = options.seed;
@@ -52,7 +52,7 @@ int simulate(const Options& options, const task::RobotFile& robot, const gap::Ex
     Simulation sim(robot.parameters, plant.parameters, settings);
     if (sim.log_failed()) return complain(kMachineLacks, "cannot write " + options.log);
     sim.run_for(0.5);
-    const std::string stopped = gap::drive_excitation(sim, e);
+    const std::string stopped = excite::drive_excitation(sim, e);
     if (sim.log_failed()) return complain(kMachineLacks, options.log + " could not be written whole");
     if (!stopped.empty()) return complain(kAimMissed, stopped);
     std::printf("\nDriven; the bus is in %s.\n", options.log.c_str());
@@ -60,17 +60,17 @@ int simulate(const Options& options, const task::RobotFile& robot, const gap::Ex
 }
 
 // Set-points of one round; kDone when it was driven to its end.
-int drive_round(Link& link, const gap::Excitation& e, int round) {
+int drive_round(Link& link, const excite::Excitation& e, int round) {
     protocol::TorqueCommand setpoint;
     if (const int status = link.send(command_of(setpoint)); status != kDone) return status;
     link.forget_received();
     if (const int status = link.send(mode_command(protocol::Mode::torque)); status != kDone) return status;
     ModeWatch watch(protocol::Mode::torque, can_now_ns());
-    const auto period_ns = static_cast<std::int64_t>(1e9 * gap::kSetpointPeriod_s);
+    const auto period_ns = static_cast<std::int64_t>(1e9 * excite::kSetpointPeriod_s);
     std::int64_t due_ns = can_now_ns();
-    for (int i = 0; i < std::lround(gap::kMotion_s / gap::kSetpointPeriod_s);) {
+    for (int i = 0; i < std::lround(excite::kMotion_s / excite::kSetpointPeriod_s);) {
         const WheelPair<double> torque =
-            watch.entered() ? e.torque_at(round, i++ * gap::kSetpointPeriod_s) : WheelPair<double>{};
+            watch.entered() ? e.torque_at(round, i++ * excite::kSetpointPeriod_s) : WheelPair<double>{};
         setpoint.left_torque_Nm = torque.left;
         setpoint.right_torque_Nm = torque.right;
         if (const int status = link.send(command_of(setpoint)); status != kDone) return status;
@@ -84,16 +84,16 @@ int drive_round(Link& link, const gap::Excitation& e, int round) {
 int halt(Link& link) {
     if (const int status = link.send(command_of(protocol::VelocityCommand{})); status != kDone) return status;
     if (const int status = link.send(mode_command(protocol::Mode::velocity)); status != kDone) return status;
-    const std::int64_t end_ns = can_now_ns() + static_cast<std::int64_t>(1e9 * gap::kHalt_s);
+    const std::int64_t end_ns = can_now_ns() + static_cast<std::int64_t>(1e9 * excite::kHalt_s);
     while (can_now_ns() < end_ns && !interrupted()) {
         if (const int status = link.send(command_of(protocol::VelocityCommand{})); status != kDone)
             return status;
-        sleep_until(can_now_ns() + static_cast<std::int64_t>(1e9 * gap::kSetpointPeriod_s));
+        sleep_until(can_now_ns() + static_cast<std::int64_t>(1e9 * excite::kSetpointPeriod_s));
     }
     return kDone;
 }
 
-int drive(const Options& options, const gap::Excitation& e) {
+int drive(const Options& options, const excite::Excitation& e) {
     if (!options.yes) {
         std::printf("\nThe robot will drive this now. Is there room? [y/N] ");
         std::fflush(stdout);
@@ -118,7 +118,7 @@ int drive(const Options& options, const gap::Excitation& e) {
 }
 
 int excite(const Options& options) {
-    const gap::AdviceFile file = gap::read_advice(options.advice);
+    const excite::AdviceFile file = excite::read_advice(options.advice);
     if (!file.problem.empty()) return complain(kBadInput, file.problem);
     if (options.which < 1 || options.which > file.advice.size()) {
         return complain(kUsage, "--which: there are " + std::to_string(file.advice.size()) + " advices");
@@ -134,8 +134,8 @@ int excite(const Options& options) {
             return complain(kUsage,
                             options.robot + " holds no K7 and K8: nothing foretells where the motion leads");
         }
-        const gap::Advice& advice = file.advice[options.which - 1];
-        const gap::Excitation e = gap::plan_excitation(advice, robot.parameters, options.rounds);
+        const excite::Advice& advice = file.advice[options.which - 1];
+        const excite::Excitation e = excite::plan_excitation(advice, robot.parameters, options.rounds);
         Report report("excite");
         describe(advice, e, report);
         if (!report.publish(options.json)) return kMachineLacks;

@@ -8,7 +8,7 @@
 #include <utility>
 
 #include "tools/gap/gap_statistics.hpp"
-#include "tools/gap/model/blocks.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 namespace {

@@ -10,7 +10,7 @@
 #include "tools/gap/gap_search.hpp"
 #include "tools/gap/inference/sensor_evidence.hpp"
 #include "tools/gap/logs/experiment.hpp"
-#include "tools/gap/model/blocks.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

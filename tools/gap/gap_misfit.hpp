@@ -10,7 +10,7 @@
 #include <span>
 
 #include "tools/gap/gap_search.hpp"
-#include "tools/gap/model/blocks.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

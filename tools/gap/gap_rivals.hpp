@@ -5,8 +5,8 @@
 #include <span>
 #include <vector>
 
-#include "tools/excite/motions.hpp"
 #include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/separating_motion.hpp"
 
 namespace wheelwright::gap {
 

@@ -14,12 +14,14 @@
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_thresholds.hpp"
 
+namespace wheelwright::excite {
+struct Motion;
+}
+
 namespace wheelwright::gap {
 
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
 const char* verdict_name(Verdict verdict);
-
-struct Motion;
 
 struct Rival {
     std::size_t effect = 0;
@@ -29,7 +31,7 @@ struct Rival {
     double keeps = 0;     // share of the gain that it keeps in the winner's place
     std::string_view measurement;  // that would tell it, where no motion does; empty: none is known
     // Driven with this size it tells them apart best (motions.hpp); null: none is known.
-    const Motion* motion = nullptr;
+    const excite::Motion* motion = nullptr;
     double motion_size_Nm = 0;
 };
 

@@ -11,7 +11,7 @@
 #include "tools/gap/gap_errors.hpp"
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_statistics.hpp"
-#include "tools/gap/model/blocks.hpp"
+#include "tools/gap/model/rows.hpp"
 #include "tools/gap/tyre_slip.hpp"
 
 namespace wheelwright::gap {
@@ -141,7 +141,7 @@ bool may_slip(const Search& search, const Known& known) {
                         [](const Way& way) { return way.effect == kSlip; });
 }
 
-RollingSlip slip_in_rows(const Search& search, const LeftOptions& options) {
+RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options) {
     Points points = options.known.given;
     for (const Way& way : search.members) {
         if (way.kind != Way::Kind::linear && search.points.contains(way.effect))

@@ -9,7 +9,7 @@
 namespace wheelwright::tools {
 
 // What excite commands: rounds with a halt between, set-points as often, the same limits.
-hidden::TorqueProgramme programme_of(const gap::Excitation& excitation);
+hidden::TorqueProgramme programme_of(const excite::Excitation& excitation);
 
 // Drives the motions of gap.json's advice, mostly one, of the size that excite would choose with the robot
 // file that lies beside it, from rest and heading as in the first log. Not asked: without an advice; where

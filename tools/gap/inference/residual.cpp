@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "tools/gap/gap_places.hpp"
-#include "tools/gap/model/blocks.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -24,7 +24,7 @@ std::string percent(double share) {
 bool is_lag(std::string_view place) { return place == "lag"; }
 
 // Where the members that are not linear are.
-Points points_of(const Search& search, const LeftOptions& options) {
+Points points_of(const Search& search, const ResidualOptions& options) {
     Points points;
     for (const Way& way : search.members) {
         if (search.points.contains(way.effect)) points[way.effect] = options.found.parameter[way.effect];
@@ -83,7 +83,7 @@ void judge(Search& search, const std::vector<Structure>& left, double explained_
 
 }  // namespace
 
-void look_at_what_is_left(Search& search, const LeftOptions& options) {
+void judge_residual(Search& search, const ResidualOptions& options) {
     const Dictionary dictionary(options.setting, points_of(search, options), false, true);
     BlockOptions block_options = options.blocks;
     block_options.dictionary = &dictionary;

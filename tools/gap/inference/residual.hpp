@@ -10,7 +10,7 @@
 
 namespace wheelwright::gap {
 
-struct LeftOptions {
+struct ResidualOptions {
     Setting setting;                 // with K5..K8 as found
     model::EffectSet<double> found;  // `after`, as the search's own dictionary has it
     Known known;
@@ -21,6 +21,6 @@ struct LeftOptions {
 
 // Sets the places. What depends on one, by more than chance and by enough, is not explained by what was
 // named: then the verdict is `unexplained`, with the reason. Costs a pass over the training parts.
-void look_at_what_is_left(Search& search, const LeftOptions& options);
+void judge_residual(Search& search, const ResidualOptions& options);
 
 }  // namespace wheelwright::gap

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <utility>
 
 #include "tools/gap/gap_statistics.hpp"
@@ -39,59 +38,34 @@ Bend bend_of(const Sensors::Gyro& gyro, double track_m) {
 
 }  // namespace
 
-Told told_by_sensors(const std::vector<tools::MeasuredLog>& logs, const model::Geometry<double>& geometry,
-                     bool turning, std::span<const std::size_t> left_out) {
-    Sensors sensors = look_at_sensors(logs, geometry);
-    Told told;
-    told.late_report = is_among(left_out, kLag) && shows(sensors.effects, kLag);
-    std::erase_if(sensors.effects, [&](const SensorEffect& e) { return is_among(left_out, e.effect); });
-    told.effects = std::move(sensors.effects);
-    told.unknown_step_rad_per_s = sensors.unknown_step_rad_per_s;
-    if (turning) told.gyro = sensors.gyro;
-    return told;
-}
-
-std::optional<std::string> wrong_beside_gyro(const Sensors::Gyro& gyro) {
-    const auto near = [&](double factor) { return std::abs(gyro.slope / factor - 1) < 0.2; };
-    if (gyro.slope < 0 && std::abs(gyro.slope) > 20 * gyro.slope_error)
-        return "gyro and wheels turn in opposite senses: are left and right swapped?";
-    if (near(2 * std::numbers::pi) || near(1 / (2 * std::numbers::pi))) {
-        return "the wheels' yaw rate is off the gyro's by a factor near 2 pi: turns instead of radians?";
-    }
-    if (near(1000) || near(0.001) || near(180 / std::numbers::pi) || near(std::numbers::pi / 180)) {
-        return "the wheels' yaw rate is off the gyro's by a factor of a unit: rad/s are expected";
-    }
-    return std::nullopt;
-}
-
-Known known_before(const Told& told, std::span<const std::size_t> left_out, double track_m) {
+Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded, double track_m) {
     constexpr double kShortLag_s = 0.003;
     Known known;
-    known.excluded.assign(left_out.begin(), left_out.end());
-    known.white_noise = !shows(told.effects, kCounts) && told.unknown_step_rad_per_s == 0;
-    if (!told.gyro) return known;
-    for (const SensorEffect& e : told.effects) {
+    known.excluded.assign(excluded.begin(), excluded.end());
+    known.white_noise = !shows(sensors.effects, kCounts) && sensors.unknown_step_rad_per_s == 0;
+    if (!sensors.gyro) return known;
+    for (const SensorEffect& e : sensors.effects) {
         if (e.effect != kLag) continue;
         known.given[kLag] = {e.value};
         known.large_gap = kGapBehindLag;
     }
-    if (known.given.empty() && 3 * told.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
-    const Bend bend = bend_of(*told.gyro, track_m);
+    if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
+    const Bend bend = bend_of(*sensors.gyro, track_m);
     if (bend.size + 3 * bend.error < kSmallMismatch) known.excluded.push_back(kMismatch);
     return known;
 }
 
-void name_what_sensors_show(Search& search, const Told& told, const Known& known, double track_m) {
+void name_what_sensors_show(Search& search, const Sensors& sensors, const Known& known, double track_m) {
     for (NamedEffect& e : search.effects) {
-        if (!told.gyro || e.effect != kMismatch) continue;
+        if (!sensors.gyro || e.effect != kMismatch) continue;
         // gyro = omega + x v / b with x = relative / (1 + relative / 2), both wheels' mean radius kept
-        const double bend = told.gyro->bend_per_m * track_m;
+        const double bend = sensors.gyro->bend_per_m * track_m;
         const double value = bend / (1 - bend / 2);
-        const double error = std::hypot(told.gyro->bend_error * track_m, 0.005 * value);
+        const double error = std::hypot(sensors.gyro->bend_error * track_m, 0.005 * value);
         if (std::abs(value - e.parameters[0].value) > 4 * e.parameters[0].standard_error) continue;
         e.parameters[0] = estimate(value, error);
     }
-    for (const SensorEffect& e : told.effects) {
+    for (const SensorEffect& e : sensors.effects) {
         if (e.effect == kLag && !known.given.contains(kLag)) continue;
         NamedEffect named;
         named.effect = e.effect;
@@ -106,7 +80,7 @@ void name_what_sensors_show(Search& search, const Told& told, const Known& known
     }
 }
 
-void judge_by_sensors(Search& search, const Told& told, std::span<const std::size_t> left_out,
+void judge_by_sensors(Search& search, const Sensors& sensors, std::span<const std::size_t> excluded,
                       double track_m) {
     const auto say = [&](const char* place, const std::string& what) {
         std::erase_if(search.where, [&](const Place& p) { return p.name == place; });
@@ -114,9 +88,9 @@ void judge_by_sensors(Search& search, const Told& told, std::span<const std::siz
         search.verdict = Verdict::unexplained;
         search.reason = "the gyro shows " + what + ", which no effect that was looked for does";
     };
-    if (told.late_report) say("lag", "that the wheel speeds are reported late");
-    if (!told.gyro || !is_among(left_out, kMismatch)) return;
-    const Bend bend = bend_of(*told.gyro, track_m);
+    if (sensors.late_report) say("lag", "that the wheel speeds are reported late");
+    if (!sensors.gyro || !is_among(excluded, kMismatch)) return;
+    const Bend bend = bend_of(*sensors.gyro, track_m);
     if (bend.size > kSmallMismatch + 3 * bend.error)
         say("coupling of turning and driving", "that the robot turns as it drives straight on");
 }

@@ -43,31 +43,27 @@ double turned_rad(const MeasuredLog& log, double WheelPair<double>::*side) {
     return most - least;
 }
 
-struct Motions {
-    bool driving = false, turning = false;
-};
-// What the torques do, and noise does not.
-Motions motions_of(std::span<const MeasuredLog> logs, const model::Geometry<double>& geometry,
-                   const WheelPair<double>& noise_rad_per_s) {
+// What the torques do, and noise does not. `overview` has the noise.
+void set_motions(std::span<const MeasuredLog> logs, const model::Geometry<double>& geometry,
+                 Overview& overview) {
     double yaw = 0;
     double apart = 0;
     double together = 0;
     double count = 0;
     for (const MeasuredLog& log : logs) {
         for (const MeasuredSample& s : log.samples) {
-            const double omega = model::twist_from_wheel_speeds(geometry, s.speed_rad_per_s).omega_rad_per_s;
-            yaw += omega * omega;
+            yaw += std::pow(model::twist_from_wheel_speeds(geometry, s.speed_rad_per_s).omega_rad_per_s, 2);
             apart += std::pow(s.torque_Nm.difference(), 2);
             together += std::pow(s.torque_Nm.sum(), 2);
             ++count;
         }
     }
-    const double noise = std::hypot(geometry.wheel_radius_m.left * noise_rad_per_s.left,
-                                    geometry.wheel_radius_m.right * noise_rad_per_s.right) /
+    const double noise = std::hypot(geometry.wheel_radius_m.left * overview.noise_rad_per_s.left,
+                                    geometry.wheel_radius_m.right * overview.noise_rad_per_s.right) /
                          geometry.track_m;
     constexpr double kLeast = kLeastOfTorques * kLeastOfTorques;
-    return {together > kLeast * apart,
-            apart > kLeast * together && yaw / count > kTurningOverNoise * noise * noise};
+    overview.driving = together > kLeast * apart;
+    overview.turning = apart > kLeast * together && yaw / count > kTurningOverNoise * noise * noise;
 }
 
 // From when on the last file is held out.
@@ -140,9 +136,7 @@ Overview overview_of(std::span<const MeasuredLog> logs, const model::Geometry<do
     }
     if (!o.problems.empty()) return o;
     o.noise_rad_per_s = speed_noise(logs);
-    const Motions motions = motions_of(logs, geometry, o.noise_rad_per_s);
-    o.driving = motions.driving;
-    o.turning = motions.turning;
+    set_motions(logs, geometry, o);
     return o;
 }
 

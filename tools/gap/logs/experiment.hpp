@@ -10,7 +10,6 @@
 
 #include "firmware/model/robot_parameters.hpp"
 #include "tools/gap/logs/sensors.hpp"
-#include "tools/gap/model/rows.hpp"
 #include "tools/logs/log_reading.hpp"
 #include "tools/logs/measured_log.hpp"
 
@@ -28,6 +27,15 @@ struct Logs {
 // A candump log needs the robot.
 Logs read_logs(const std::vector<std::string>& paths, const std::optional<model::RobotParameters>& robot,
                const tools::LogReading& reading);
+
+// The part of a log: samples from `first` to before `end`.
+struct LogPart {
+    const tools::MeasuredLog* log = nullptr;
+    std::size_t index = 0;
+    std::size_t first = 0, end = 0;
+    double initial_heading_rad = 0;
+    const std::vector<bool>* unusable = nullptr;  // by sample; null: none is
+};
 
 // What all logs together show.
 struct Overview {

@@ -5,11 +5,11 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <span>
 
 #include "firmware/model/exponential.hpp"
-#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -68,24 +68,18 @@ void repair_spikes(MeasuredLog& log, std::vector<LogFault>& faults) {
         const double limit = std::max(kSpike * kDeviationOverMedian * median(off_moving),
                                       kSpikeShare * kDeviationOverMedian * median(size_moving));
         if (!(limit > 0)) continue;
-        std::vector<std::size_t> wrong;
-        for (std::size_t i = 0; i < off.size(); ++i) {
-            if (off[i] > limit) wrong.push_back(i);
-        }
-        for (std::size_t w = 0; w < wrong.size(); ++w) {
-            const std::size_t begin = wrong[w];
-            while (w + 1 < wrong.size() && wrong[w + 1] == wrong[w] + 1) ++w;
-            const std::size_t end = wrong[w];
-            const double low = begin > 0
-                                   ? log.samples[begin - 1].speed_rad_per_s.*side
-                                   : log.samples[std::min(end + 1, off.size() - 1)].speed_rad_per_s.*side;
-            const double high = end + 1 < off.size() ? log.samples[end + 1].speed_rad_per_s.*side : low;
-            for (std::size_t i = begin; i <= end; ++i) {
-                const double share = double(i - begin + 1) / double(end - begin + 2);
-                log.samples[i].speed_rad_per_s.*side = low + share * (high - low);
-            }
+        const auto speed = [&](std::size_t i) -> double& { return log.samples[i].speed_rad_per_s.*side; };
+        for (std::size_t begin = 0; begin < off.size(); ++begin) {
+            std::size_t end = begin;  // of a run of wrong ones
+            while (end < off.size() && off[end] > limit) ++end;
+            if (end == begin) continue;
+            const double low = speed(begin > 0 ? begin - 1 : std::min(end, off.size() - 1));
+            const double high = end < off.size() ? speed(end) : low;
+            for (std::size_t i = begin; i < end; ++i)
+                speed(i) = low + double(i - begin + 1) / double(end - begin + 1) * (high - low);
             if (count == 0 || log.samples[begin].t_s < first_s) first_s = log.samples[begin].t_s;
-            count += end - begin + 1;
+            count += end - begin;
+            begin = end;
         }
     }
     if (count > 0) {
@@ -93,16 +87,25 @@ void repair_spikes(MeasuredLog& log, std::vector<LogFault>& faults) {
     }
 }
 
+// Of both wheels.
+template <typename Take>
+void for_each_speed(std::span<const MeasuredLog> logs, const Take& take) {
+    for (const MeasuredLog& log : logs) {
+        for (const MeasuredSample& s : log.samples) {
+            for (const Side side : kSides) take(s.speed_rad_per_s.*side);
+        }
+    }
+}
+
 // The step that all speeds are whole multiples of; 0: none that is not finer than `finest`.
 double common_step(std::span<const MeasuredLog> logs, double finest_rad_per_s) {
-    double least = 1e9;
+    double least = std::numeric_limits<double>::infinity();
     double largest = 0;
     for (const MeasuredLog& log : logs) {
         for (std::size_t i = 1; i < log.samples.size(); ++i) {
             for (const Side side : kSides) {
-                const double a = log.samples[i - 1].speed_rad_per_s.*side;
                 const double b = log.samples[i].speed_rad_per_s.*side;
-                const double size = std::abs(b - a);
+                const double size = std::abs(b - log.samples[i - 1].speed_rad_per_s.*side);
                 if (size > finest_rad_per_s / 2) least = std::min(least, size);
                 largest = std::max(largest, std::abs(b));
             }
@@ -114,30 +117,21 @@ double common_step(std::span<const MeasuredLog> logs, double finest_rad_per_s) {
     for (double reach = 8; reach * step < 2 * largest; reach *= 4) {
         double product = 0;
         double square = 0;
-        for (const MeasuredLog& log : logs) {
-            for (const MeasuredSample& s : log.samples) {
-                for (const Side side : kSides) {
-                    const double n = std::round(s.speed_rad_per_s.*side / step);
-                    if (std::abs(n) > reach) continue;
-                    product += n * s.speed_rad_per_s.*side;
-                    square += n * n;
-                }
-            }
-        }
+        for_each_speed(logs, [&](double speed) {
+            const double n = std::round(speed / step);
+            if (std::abs(n) > reach) return;
+            product += n * speed;
+            square += n * n;
+        });
         if (square > 0) step = product / square;
     }
-    std::size_t off = 0;
-    std::size_t all = 0;
-    for (const MeasuredLog& log : logs) {
-        for (const MeasuredSample& s : log.samples) {
-            for (const Side side : kSides) {
-                const double n = s.speed_rad_per_s.*side / step;
-                off += std::abs(n - std::round(n)) > 0.02;
-                ++all;
-            }
-        }
-    }
-    return double(off) < 0.05 * double(all) ? step : 0.0;
+    double off = 0;
+    double all = 0;
+    for_each_speed(logs, [&](double speed) {
+        off += std::abs(speed / step - std::round(speed / step)) > 0.02 ? 1 : 0;
+        ++all;
+    });
+    return off < 0.05 * all ? step : 0.0;
 }
 
 bool repeats(const MeasuredLog& log, std::size_t i) {
@@ -415,6 +409,32 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
 
 }  // namespace
 
+WheelPair<double> speed_noise(std::span<const MeasuredLog> logs) {
+    const auto one = [&](Side side) {
+        // variances of the second, third and fourth difference of white noise: 6, 20, 70
+        std::array<double, 3> sum{};
+        double power = 0;
+        std::size_t count = 0;
+        for (const MeasuredLog& log : logs) {
+            for (std::size_t i = 4; i < log.samples.size(); ++i) {
+                const auto w = [&](std::size_t back) { return log.samples[i - back].speed_rad_per_s.*side; };
+                const double second = w(0) - 2 * w(1) + w(2);
+                const double third = second - (w(1) - 2 * w(2) + w(3));
+                const double fourth = third - (w(1) - 3 * w(2) + 3 * w(3) - w(4));
+                sum[0] += second * second / 6;
+                sum[1] += third * third / 20;
+                sum[2] += fourth * fourth / 70;
+                power += w(0) * w(0);
+                ++count;
+            }
+        }
+        if (count == 0) return 1.0;
+        const double least = *std::min_element(sum.begin(), sum.end());
+        return std::sqrt(std::max(least, 1e-8 * power) / double(count));
+    };
+    return {one(&WheelPair<double>::left), one(&WheelPair<double>::right)};
+}
+
 std::vector<LogFault> repair(MeasuredLog& log, std::vector<bool>& unusable) {
     std::vector<LogFault> faults;
     unusable.assign(log.samples.size(), false);
@@ -426,12 +446,18 @@ std::vector<LogFault> repair(MeasuredLog& log, std::vector<bool>& unusable) {
     return faults;
 }
 
-Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& geometry) {
+Sensors sensors_of(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& geometry,
+                   bool turning, std::span<const std::size_t> excluded) {
     Sensors sensors;
+    const auto add = [&](const char* name, double value, double error) {
+        const std::size_t effect = model::find_effect(name);
+        const bool is_excluded = std::find(excluded.begin(), excluded.end(), effect) != excluded.end();
+        if (!is_excluded) sensors.effects.push_back({effect, value, error});
+        return !is_excluded;
+    };
     if (const double step = common_step(logs, kCoarse_rad_per_s); step > 0) {
         constexpr double kCounting_s = model::EncoderQuantisation::kCountingTime_s;
-        const double counts = 2 * std::numbers::pi / (step * kCounting_s);
-        // one that tells a speed more seldom counts for longer, and for how long nobody knows
+        // a sensor slower than that counts for longer, and for how long nobody knows
         double samples = 0;
         double seldom = 0;
         for (const MeasuredLog& log : logs) {
@@ -439,10 +465,11 @@ Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geome
             samples += count;
             if (double(samples_together(log)) * log.period_s > 1.5 * kCounting_s) seldom += count;
         }
+        const double counts = 2 * std::numbers::pi / (step * kCounting_s);
         if (seldom > samples / 2) {
             sensors.unknown_step_rad_per_s = step;
         } else {
-            sensors.effects.push_back({model::find_effect("encoder_quantisation"), counts, 1e-4 * counts});
+            add("encoder_quantisation", counts, 1e-4 * counts);
         }
     }
     if (!std::all_of(logs.begin(), logs.end(), [](const MeasuredLog& log) { return log.has_gyro; })) {
@@ -453,21 +480,32 @@ Sensors look_at_sensors(const std::vector<MeasuredLog>& logs, const model::Geome
     for (const MeasuredLog& log : logs) noise.gyro.push_back(gyro_variance(log));
     find_lag(logs, geometry, noise, gyro);
     const GyroFit fit = fit_gyro(logs, geometry, noise, gyro.lag_s);
-    const auto error = [&](Eigen::Index i) { return std::sqrt(std::max(0.0, fit.covariance(i, i))); };
-    gyro.bias_rad_per_s = fit.value(0);
-    gyro.bias_error = error(0);
-    gyro.slope = fit.value(1);
-    gyro.slope_error = error(1);
-    gyro.bend_per_m = fit.value(2);
-    gyro.bend_error = error(2);
-    if (std::abs(gyro.bias_rad_per_s) > std::max(kBiasOfInterest_rad_per_s, kSure * gyro.bias_error)) {
-        sensors.effects.push_back({model::find_effect("gyro_bias"), gyro.bias_rad_per_s, gyro.bias_error});
-    }
-    if (gyro.lag_s > std::max(kLagOfInterest_s, kSure * gyro.lag_error_s)) {
-        sensors.effects.push_back({model::find_effect("measurement_lag"), gyro.lag_s, gyro.lag_error_s});
-    }
-    sensors.gyro = gyro;
+    const auto take = [&](Eigen::Index i, double& value, double& error) {
+        value = fit.value(i);
+        error = std::sqrt(std::max(0.0, fit.covariance(i, i)));
+    };
+    take(0, gyro.bias_rad_per_s, gyro.bias_error);
+    take(1, gyro.slope, gyro.slope_error);
+    take(2, gyro.bend_per_m, gyro.bend_error);
+    if (std::abs(gyro.bias_rad_per_s) > std::max(kBiasOfInterest_rad_per_s, kSure * gyro.bias_error))
+        add("gyro_bias", gyro.bias_rad_per_s, gyro.bias_error);
+    if (gyro.lag_s > std::max(kLagOfInterest_s, kSure * gyro.lag_error_s))
+        sensors.late_report = !add("measurement_lag", gyro.lag_s, gyro.lag_error_s);
+    if (turning) sensors.gyro = gyro;
     return sensors;
+}
+
+std::optional<std::string> wrong_beside_gyro(const Sensors::Gyro& gyro) {
+    const auto near = [&](double factor) { return std::abs(gyro.slope / factor - 1) < 0.2; };
+    if (gyro.slope < 0 && std::abs(gyro.slope) > 20 * gyro.slope_error)
+        return "gyro and wheels turn in opposite senses: are left and right swapped?";
+    if (near(2 * std::numbers::pi) || near(1 / (2 * std::numbers::pi))) {
+        return "the wheels' yaw rate is off the gyro's by a factor near 2 pi: turns instead of radians?";
+    }
+    if (near(1000) || near(0.001) || near(180 / std::numbers::pi) || near(std::numbers::pi / 180)) {
+        return "the wheels' yaw rate is off the gyro's by a factor of a unit: rad/s are expected";
+    }
+    return std::nullopt;
 }
 
 }  // namespace wheelwright::gap

@@ -306,37 +306,6 @@ class Maker {
     WheelPair<double> angle_;
 };
 
-}  // namespace
-
-WheelPair<double> speed_noise(std::span<const MeasuredLog> logs) {
-    const auto one = [&](double WheelPair<double>::*side) {
-        // variances of the second, third and fourth difference of white noise: 6,
-        // 20, 70
-        std::array<double, 3> sum{};
-        double power = 0;
-        std::size_t count = 0;
-        for (const MeasuredLog& log : logs) {
-            for (std::size_t i = 4; i < log.samples.size(); ++i) {
-                const auto w = [&](std::size_t back) { return log.samples[i - back].speed_rad_per_s.*side; };
-                const double second = w(0) - 2 * w(1) + w(2);
-                const double third = second - (w(1) - 2 * w(2) + w(3));
-                const double fourth = third - (w(1) - 3 * w(2) + 3 * w(3) - w(4));
-                sum[0] += second * second / 6;
-                sum[1] += third * third / 20;
-                sum[2] += fourth * fourth / 70;
-                power += w(0) * w(0);
-                ++count;
-            }
-        }
-        if (count == 0) return 1.0;
-        const double least = *std::min_element(sum.begin(), sum.end());
-        return std::sqrt(std::max(least, 1e-8 * power) / double(count));
-    };
-    return {one(&WheelPair<double>::left), one(&WheelPair<double>::right)};
-}
-
-namespace {
-
 double frequency_Hz(const Block& block, Eigen::Index row) { return double(row + 1) * block.first_Hz; }
 
 // What columns leave, as the sensor's noise alone would whiten it, by bands a tenth wide.
@@ -425,6 +394,22 @@ Rests rests_of(const BlockSet& set, std::size_t e, const std::vector<int>& colum
     return rests;
 }
 
+// All of the dictionary's columns but those of the excluded effects; and of these the linear ones.
+std::array<std::vector<int>, 2> columns_without(std::span<const std::size_t> excluded,
+                                                const Dictionary& dictionary) {
+    std::array<std::vector<int>, 2> columns;
+    const std::span<const Column> all = dictionary.columns();
+    for (std::size_t c = 0; c < all.size(); ++c) {
+        const std::size_t effect = all[c].effect;
+        if (std::find(excluded.begin(), excluded.end(), effect) != excluded.end()) continue;
+        const auto i = static_cast<int>(c);
+        columns[0].push_back(i);
+        const bool linear = effect < model::kEffectCount && i < dictionary.linear_columns(effect).second;
+        if (i < Dictionary::kFirstEffect || linear) columns[1].push_back(i);
+    }
+    return columns;
+}
+
 }  // namespace
 
 Colour colour_of_rest(const BlockSet& set, std::span<const std::vector<int>> columns) {
@@ -503,6 +488,32 @@ BlockSet make_blocks(std::span<const LogPart> parts, const BlockOptions& options
     }
     maker.finish();
     return set;
+}
+
+BlockOptions block_options(std::span<const LogPart> parts, const WheelPair<double>& noise_rad_per_s,
+                           double speed_rms_rad_per_s) {
+    BlockOptions options;
+    options.noise_rad_per_s = noise_rad_per_s;
+    options.speed_rms_rad_per_s = speed_rms_rad_per_s;
+    double total_s = 0;
+    for (const LogPart& part : parts) total_s += part.log->period_s * double(part.end - part.first);
+    options.block_s = std::clamp(total_s / 24, 0.5, 2.0);
+    return options;
+}
+
+WeighedBlocks weighed_blocks(std::span<const LogPart> parts, const BlockOptions& options,
+                             std::span<const std::size_t> excluded) {
+    WeighedBlocks blocks;
+    blocks.set = make_blocks(parts, options);
+    blocks.colour = colour_of_rest(blocks.set, columns_without(excluded, *options.dictionary));
+    weigh(blocks.set, blocks.colour);
+    return blocks;
+}
+
+std::vector<const Block*> pointers(const BlockSet& set) {
+    std::vector<const Block*> blocks;
+    for (const Block& b : set.blocks) blocks.push_back(&b);
+    return blocks;
 }
 
 }  // namespace wheelwright::gap

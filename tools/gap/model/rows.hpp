@@ -29,7 +29,7 @@
 
 #include "firmware/model/dynamics.hpp"
 #include "tools/gap/gap_columns.hpp"
-#include "tools/logs/measured_log.hpp"
+#include "tools/gap/logs/experiment.hpp"
 
 namespace wheelwright::gap {
 
@@ -97,19 +97,6 @@ struct BlockSet {
     double left_out_s = 0;        // where one wheel stands and the other turns
 };
 
-// Standard deviation of white noise on each wheel's speed, from higher
-// differences: what no smooth motion makes.
-WheelPair<double> speed_noise(std::span<const tools::MeasuredLog> logs);
-
-// The part of a log: samples from `first` to before `end`.
-struct LogPart {
-    const tools::MeasuredLog* log = nullptr;
-    std::size_t index = 0;
-    std::size_t first = 0, end = 0;
-    double initial_heading_rad = 0;
-    const std::vector<bool>* unusable = nullptr;  // by sample; null: none is
-};
-
 // The likeliest colour of the rest that columns together leave, equation by equation: of those among these
 // sets that explain most for their number (Schwarz's criterion).
 Colour colour_of_rest(const BlockSet& set, std::span<const std::vector<int>> columns);
@@ -123,5 +110,19 @@ void weigh(BlockSet& set, const Colour& colour);
 void weigh_where_motion_is_seen(BlockSet& set, const Colour& colour);
 
 BlockSet make_blocks(std::span<const LogPart> parts, const BlockOptions& options);
+
+// Two dozens of blocks where the parts allow it. The dictionary is left to be set.
+BlockOptions block_options(std::span<const LogPart> parts, const WheelPair<double>& noise_rad_per_s,
+                           double speed_rms_rad_per_s);
+
+struct WeighedBlocks {
+    BlockSet set;
+    Colour colour;  // that the dictionary's columns leave without those of `excluded` effects
+};
+WeighedBlocks weighed_blocks(std::span<const LogPart> parts, const BlockOptions& options,
+                             std::span<const std::size_t> excluded);
+
+// They point into `set`.
+std::vector<const Block*> pointers(const BlockSet& set);
 
 }  // namespace wheelwright::gap

@@ -28,8 +28,6 @@ std::string error_text(double error_rad_per_s) {
     return std::isfinite(error_rad_per_s) ? number_text(error_rad_per_s, 3) : "runs away";
 }
 
-Json number(double value) { return std::isfinite(value) ? Json(value) : Json(nullptr); }
-
 }  // namespace
 
 std::string words(const Findings& f) {
@@ -99,6 +97,7 @@ std::string words(const Findings& f) {
     return text;
 }
 
+// What is not finite becomes null there.
 std::string json(const Findings& f, const Request& request) {
     const Search& s = f.search;
     Json out;
@@ -120,49 +119,47 @@ std::string json(const Findings& f, const Request& request) {
         effect["parameters"] = Json::array();
         for (std::size_t j = 0; j < e.parameters.size(); ++j) {
             const ParameterEstimate& p = e.parameters[j];
-            effect["parameters"].push_back(
-                {{"name", info.parameters[j].name},
-                 {"value", number(p.value)},
-                 {"standard_error", number(p.standard_error)},
-                 {"interval_95", {number(p.interval_95[0]), number(p.interval_95[1])}},
-                 {"unit", info.parameters[j].unit}});
+            effect["parameters"].push_back({{"name", info.parameters[j].name},
+                                            {"value", p.value},
+                                            {"standard_error", p.standard_error},
+                                            {"interval_95", {p.interval_95[0], p.interval_95[1]}},
+                                            {"unit", info.parameters[j].unit}});
         }
-        effect["closes"] = number(e.closes);
-        effect["torque_share"] = number(e.torque_share);
-        effect["probability"] = number(e.probability);
+        effect["closes"] = e.closes;
+        effect["torque_share"] = e.torque_share;
+        effect["probability"] = e.probability;
         effect["rivals"] = Json::array();
         for (const Rival& r : e.rivals) {
             effect["rivals"].push_back({{"name", name_of(r.effect)},
                                         {"same_in_this_log", r.alike},
-                                        {"keeps", number(r.keeps)},
+                                        {"keeps", r.keeps},
                                         {"separated_by", words_of(r)}});
             Json one{{"tell", info.name}, {"from", name_of(r.effect)}, {"motion", words_of(r)}};
             if (r.motion != nullptr) {
                 one["name"] = r.motion->name;
-                one["torque_Nm"] = number(r.motion_size_Nm);
-                one["duration_s"] = kMotion_s;
+                one["torque_Nm"] = r.motion_size_Nm;
+                one["duration_s"] = excite::kMotion_s;
             }
             advice.push_back(one);
         }
         effect["ruled_out"] = Json::array();
         for (const Rival& r : e.ruled_out) {
-            effect["ruled_out"].push_back({{"name", name_of(r.effect)}, {"keeps", number(r.keeps)}});
+            effect["ruled_out"].push_back({{"name", name_of(r.effect)}, {"keeps", r.keeps}});
         }
         out["effects"].push_back(effect);
     }
     Json shift = Json::object();
     const double quantile = interval_quantile(s.blocks);
     for (const KFigure& k : known_k(f.after, f.after_error, s.unknowable)) {
-        Json one{
-            {"value", number(k.value)},
-            {"standard_error", number(k.error)},
-            {"interval_95", {number(k.value - quantile * k.error), number(k.value + quantile * k.error)}},
-            {"unit", k.unit}};
+        Json one{{"value", k.value},
+                 {"standard_error", k.error},
+                 {"interval_95", {k.value - quantile * k.error, k.value + quantile * k.error}},
+                 {"unit", k.unit}};
         if (request.robot) {
             const model::ParameterInfo* info = model::find_parameter("dynamics." + std::string(k.key));
             const double given = info->get(*request.robot);
-            one["given"] = number(given);
-            one["shift"] = number(k.value - given);
+            one["given"] = given;
+            one["shift"] = k.value - given;
         }
         shift[k.key] = one;
     }
@@ -171,36 +168,35 @@ std::string json(const Findings& f, const Request& request) {
     out["without"] = Json::array();
     for (const std::size_t effect : request.without) out["without"].push_back(name_of(effect));
     out["where"] = Json::array();
-    for (const Place& p : s.where)
-        out["where"].push_back({{"place", p.name}, {"explains", number(p.explains)}});
+    for (const Place& p : s.where) out["where"].push_back({{"place", p.name}, {"explains", p.explains}});
     out["detectable"] = Json::object();
     for (const Detectable& d : s.detectable) {
         const model::EffectInfo& info = model::kEffects[d.effect];
         Json one = Json::object();
         for (std::size_t j = 0; j < std::min(d.size.size(), info.parameters.size()); ++j) {
-            one[std::string(info.parameters[j].name)] = number(d.size[j]);
+            one[std::string(info.parameters[j].name)] = d.size[j];
         }
         out["detectable"][std::string(info.name)] = one;
     }
     out["advice"] = advice;
     Json gap;
-    gap["nominal"] = f.gap_nominal ? number(*f.gap_nominal) : Json(nullptr);
-    gap["refit"] = number(s.gap_refit);
-    gap["after"] = number(s.gap_after);
-    gap["floor"] = number(s.floor);
-    gap["closable_torque_share"] = number(s.closable_torque_share);
-    gap["left_torque_share"] = number(s.left_torque_share);
+    gap["nominal"] = f.gap_nominal ? Json(*f.gap_nominal) : Json(nullptr);
+    gap["refit"] = s.gap_refit;
+    gap["after"] = s.gap_after;
+    gap["floor"] = s.floor;
+    gap["closable_torque_share"] = s.closable_torque_share;
+    gap["left_torque_share"] = s.left_torque_share;
     Json heldout;
-    heldout["from_s"] = number(f.heldout_from_s);
-    heldout["duration_s"] = number(f.heldout_s);
-    heldout["signal_rms_rad_s"] = number(f.heldout_rms_rad_per_s);
+    heldout["from_s"] = f.heldout_from_s;
+    heldout["duration_s"] = f.heldout_s;
+    heldout["signal_rms_rad_s"] = f.heldout_rms_rad_per_s;
     heldout["windows"] = Json::array();
     for (const FreeRun& r : f.heldout) {
         const auto errors = [&](double SpeedError::*of, double floor_rad_per_s) {
-            return Json{{"nominal", r.nominal ? number(*r.nominal.*of) : Json(nullptr)},
-                        {"before", number(r.before.*of)},
-                        {"after", number(r.after.*of)},
-                        {"floor", number(floor_rad_per_s)}};
+            return Json{{"nominal", r.nominal ? Json(*r.nominal.*of) : Json(nullptr)},
+                        {"before", r.before.*of},
+                        {"after", r.after.*of},
+                        {"floor", floor_rad_per_s}};
         };
         Json one = errors(&SpeedError::both, f.floor_rad_per_s);
         // the mean of two sensors is noisy by the root of a half of one
@@ -218,14 +214,14 @@ std::string json(const Findings& f, const Request& request) {
     gap["heldout"] = heldout;
     out["gap"] = gap;
     out["heldout"] = heldout;
-    out["closable_share"] = number(s.closable_share);
+    out["closable_share"] = s.closable_share;
     if (f.closed_loop) {
         const auto one = [](const FigureEight& drive) {
             Json figures{{"driven", drive.driven}};
             if (!drive.stopped.empty()) figures["fault"] = drive.stopped;
             if (drive.driven) {
-                figures["rms_m"] = number(drive.rms_m);
-                figures["peak_m"] = number(drive.peak_m);
+                figures["rms_m"] = drive.rms_m;
+                figures["peak_m"] = drive.peak_m;
             }
             return figures;
         };
@@ -245,20 +241,20 @@ std::string json(const Findings& f, const Request& request) {
     for (const LogFault& fault : f.faults) {
         log["faults"].push_back({{"name", fault.name},
                                  {"samples", fault.count},
-                                 {"share", number(fault.rate)},
-                                 {"first_s", number(fault.first_s)}});
+                                 {"share", fault.rate},
+                                 {"first_s", fault.first_s}});
     }
-    log["duration_s"] = number(f.duration_s);
-    log["rate_Hz"] = number(f.rate_Hz);
+    log["duration_s"] = f.duration_s;
+    log["rate_Hz"] = f.rate_Hz;
     log["blocks"] = f.blocks;
     log["turning_used"] = f.turning;
-    log["wheel_speed_noise_rad_s"] = {number(f.noise_rad_per_s.left), number(f.noise_rad_per_s.right)};
-    log["torque_acts_late_samples"] = {number(s.timing_samples), number(s.timing_error)};
+    log["wheel_speed_noise_rad_s"] = {f.noise_rad_per_s.left, f.noise_rad_per_s.right};
+    log["torque_acts_late_samples"] = {s.timing_samples, s.timing_error};
     if (f.gyro) {
-        log["gyro"] = {{"bias_rad_per_s", number(f.gyro->bias_rad_per_s)},
-                       {"per_wheel_yaw_rate", number(f.gyro->slope)},
-                       {"standard_error", number(f.gyro->slope_error)},
-                       {"wheels_lag_s", number(f.gyro->lag_s)}};
+        log["gyro"] = {{"bias_rad_per_s", f.gyro->bias_rad_per_s},
+                       {"per_wheel_yaw_rate", f.gyro->slope},
+                       {"standard_error", f.gyro->slope_error},
+                       {"wheels_lag_s", f.gyro->lag_s}};
     }
     out["log"] = log;
     return out.dump(2) + "\n";
