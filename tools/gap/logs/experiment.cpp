@@ -19,6 +19,7 @@ constexpr double kTurningOverNoise = 9;  // power of the yaw rate over that of i
 constexpr double kLeastOfTorques =
     0.01;  // sum over difference, or the reverse: with less none is driven, or turned
 constexpr double kHeldOutShare = 0.2;
+constexpr double kBackwards = 0.1;  // of the fastest: slower than this is noise, or a robot that rolls back
 constexpr std::array kSides = {&WheelPair<double>::left, &WheelPair<double>::right};
 
 std::string words_of(const LogFault& fault) {
@@ -109,7 +110,7 @@ Overview overview_of(std::span<const MeasuredLog> logs, const model::Geometry<do
     double speed = 0;
     double samples = 0;
     bool negative_torque = false;
-    bool negative_speed = false;
+    double slowest = 0;  // backwards, below zero
     for (const MeasuredLog& log : logs) {
         o.duration_s += duration_s(log);
         o.span_s = std::max(o.span_s, log.samples.back().t_s - log.samples.front().t_s);
@@ -123,14 +124,14 @@ Overview overview_of(std::span<const MeasuredLog> logs, const model::Geometry<do
                 o.peak_speed_rad_per_s = std::max(o.peak_speed_rad_per_s, std::abs(s.speed_rad_per_s.*side));
             }
             negative_torque = negative_torque || s.torque_Nm.left < 0 || s.torque_Nm.right < 0;
-            negative_speed = negative_speed || s.speed_rad_per_s.left < -1 || s.speed_rad_per_s.right < -1;
+            slowest = std::min({slowest, s.speed_rad_per_s.left, s.speed_rad_per_s.right});
         }
     }
     o.speed_rms_rad_per_s = std::sqrt(speed / (2 * samples));
     o.period_s = logs.front().period_s;
     if (torque == 0) o.problems.emplace_back("no excitation: the torque is zero throughout");
     if (speed == 0) o.problems.emplace_back("no motion: the wheel speeds are zero throughout");
-    if (torque > 0 && negative_speed && !negative_torque) {
+    if (torque > 0 && slowest < -kBackwards * o.peak_speed_rad_per_s && !negative_torque) {
         o.problems.emplace_back(
             "the wheels turn backwards, yet the torque is never negative: has it lost its sign?");
     }

@@ -111,7 +111,7 @@ double common_step(std::span<const MeasuredLog> logs, double finest_rad_per_s) {
             }
         }
     }
-    if (least > largest / 8 || least < finest_rad_per_s) return 0;
+    if (!(least <= largest) || least < finest_rad_per_s) return 0;
     // the step from ever larger multiples, which know it better
     double step = least;
     for (double reach = 8; reach * step < 2 * largest; reach *= 4) {
@@ -199,7 +199,7 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
     };
     std::erase_if(runs, [&](const auto& run) {
         const auto [begin, end] = run;
-        return goes_on(end) || std::pow(std::max(chance, 1e-4), double(end - begin)) * moving > kChance;
+        return goes_on(end) || std::pow(chance, double(end - begin)) * moving > kChance;
     });
     std::size_t count = 0;
     double first_s = 0;
@@ -348,7 +348,6 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     constexpr double kMost_s = 0.4;
     double best = 0;
     double least = left(0);
-    const double none = least;
     for (double lag = 0.002; lag < kMost_s; lag *= 1.5) {
         const double now = left(lag);
         if (now < least) {
@@ -392,10 +391,8 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     }
     // The noise is known to no more than this, beside what it makes.
     const double doubt = kNoiseDoubt * noise_squares(logs, noise, 0);
-    // Sure of it by all blocks, or because nearly all of what the gyro and the wheels differ by goes, if only
-    // few blocks turn; and not next to nothing.
-    const bool sure = gained > kSure * std::sqrt(spread) / 2 || gained > none / 2 + doubt;
-    if (!sure || gained < 0.02 * none + doubt) {
+    // sure of it by all blocks, and more than the noise may make
+    if (gained <= kSure * std::sqrt(spread) / 2 || gained < doubt) {
         gyro.lag_s = 0;
         gyro.lag_error_s = std::max(gyro.lag_error_s, best / kSure);
         if (bend > 0) gyro.lag_error_s = std::max(gyro.lag_error_s, std::sqrt(0.4 * doubt / bend));
@@ -497,7 +494,7 @@ Sensors sensors_of(const std::vector<MeasuredLog>& logs, const model::Geometry<d
 
 std::optional<std::string> wrong_beside_gyro(const Sensors::Gyro& gyro) {
     const auto near = [&](double factor) { return std::abs(gyro.slope / factor - 1) < 0.2; };
-    if (gyro.slope < 0 && std::abs(gyro.slope) > 20 * gyro.slope_error)
+    if (gyro.slope < 0 && std::abs(gyro.slope) > kSure * gyro.slope_error)
         return "gyro and wheels turn in opposite senses: are left and right swapped?";
     if (near(2 * std::numbers::pi) || near(1 / (2 * std::numbers::pi))) {
         return "the wheels' yaw rate is off the gyro's by a factor near 2 pi: turns instead of radians?";

@@ -16,8 +16,6 @@ namespace {
 using Json = nlohmann::ordered_json;
 using tools::number_text;
 
-std::string name_of(std::size_t effect) { return std::string(model::kEffects[effect].name); }
-
 std::string words_of(const Rival& rival) {
     if (!rival.measurement.empty()) return std::string(rival.measurement);
     return rival.motion != nullptr ? std::string(rival.motion->words) : "another motion";
@@ -29,6 +27,14 @@ std::string error_text(double error_rad_per_s) {
 }
 
 }  // namespace
+
+std::string name_of(std::size_t effect) { return std::string(model::kEffects[effect].name); }
+
+std::string joined(std::span<const std::string> names) {
+    std::string all;
+    for (const std::string& name : names) all += (all.empty() ? "" : ", ") + name;
+    return all;
+}
 
 std::string words(const Findings& f) {
     const Search& s = f.search;
@@ -56,16 +62,10 @@ std::string words(const Findings& f) {
     }
     if (!s.where.empty()) {
         line("");
-        line(
-            "Where simulation and measurement part (share of the closable gap "
-            "that depends on it):");
+        line("Where simulation and measurement part (share of the closable gap that depends on it):");
         for (const Place& p : s.where) line("  " + p.name + ": " + number_text(100 * p.explains, 3) + " %");
     }
-    if (!s.unknowable.empty()) {
-        std::string all;
-        for (const std::string& n : s.unknowable) all += (all.empty() ? "" : ", ") + n;
-        line("This log cannot show: " + all);
-    }
+    if (!s.unknowable.empty()) line("This log cannot show: " + joined(s.unknowable));
     if (!f.heldout.empty()) {
         line("");
         line("Free run on " + number_text(f.heldout_s, 3) + " s held out, wheel speed error in rad/s RMS:");

@@ -18,7 +18,6 @@ using tools::number_text;
 
 constexpr double kSmallest = 1e-6;  // probability that is told in figures
 
-std::string name_of(std::size_t effect) { return std::string(model::kEffects[effect].name); }
 std::string code(const std::string& text) { return std::string("`").append(text).append("`"); }
 std::string percent(double share, int digits = 3) { return number_text(100 * share, digits) + " %"; }
 std::string millimetres(double metres) { return number_text(1e3 * metres, 3) + " mm"; }
@@ -51,29 +50,25 @@ std::string title(const Search& s) {
 std::string lead(const Search& s) {
     std::string text =
         "A robot was driven and its torques and wheel speeds were logged. A simulated robot was given the "
-        "same "
-        "torques. This page shows where the two part, and why. ";
+        "same torques. This page shows where the two part, and why. ";
     switch (s.verdict) {
         case Verdict::named:
             return text +
                    "What is named below explains the difference on parts of the log that were not used to "
-                   "find it; "
-                   "what other effects would do in its place stands beside it.";
+                   "find it; what other effects would do in its place stands beside it.";
         case Verdict::nothing_missing:
             return text +
                    "With its four motion parameters fitted anew the simulated robot does what the real one "
-                   "did, as "
-                   "far as this log can show; further down stands what it could not have shown.";
+                   "did, as far as this log can show; further down stands what it could not have shown.";
         case Verdict::cannot_tell:
             return text +
                    "More than one effect explains the difference equally well. They would predict different "
-                   "motions "
-                   "elsewhere, so none is chosen; the motion that would tell them apart is named below.";
+                   "motions elsewhere, so none is chosen; the motion that would tell them apart is named "
+                   "below.";
         case Verdict::unexplained:
             return text +
                    "Part of the difference is real, that is, it repeats, but no effect of the catalogue "
-                   "describes it. "
-                   "The places below say where to look.";
+                   "describes it. The places below say where to look.";
         case Verdict::unusable_log:
             break;
     }
@@ -109,21 +104,19 @@ void key_figures(report::Page& page, const Findings& f) {
 void measured_against_simulated(report::Page& page, const Findings& f, const Request& request) {
     if (f.heldout.empty()) return;
     Section& s = page.section("Measured against simulated");
-    s.text(
-        "These " + number_text(f.heldout_s, 3) +
-        " s were kept aside: nothing on this page was fitted to them. The simulated robot starts with the "
-        "first "
-        "measured speeds and then gets the logged torques only, so its errors add up as they would in use. "
-        "`before`: the model with its motion parameters K5..K8 fitted anew to the rest of the log. `after`: "
-        "with "
-        "what was found beside them. Both are the robots of the files beside this page, read back; " +
-        code("wheelwright free-run " +
-             std::filesystem::path(request.heldout_log.empty() ? request.logs.back() : request.heldout_log)
-                 .filename()
-                 .string() +
-             " --robot robot.extended.toml" +
-             (request.heldout_log.empty() ? " --from " + number_text(f.heldout_from_s, 15) : "")) +
-        " says it again, with " + code("robot.before.toml") + " what was before.");
+    s.text("These " + number_text(f.heldout_s, 3) +
+           " s were kept aside: nothing on this page was fitted to them. The simulated robot starts with the "
+           "first measured speeds and then gets the logged torques only, so its errors add up as they would "
+           "in use. `before`: the model with its motion parameters K5..K8 fitted anew to the rest of the "
+           "log. `after`: with what was found beside them. Both are the robots of the files beside this "
+           "page, read back; " +
+           code("wheelwright free-run " +
+                std::filesystem::path(request.heldout_log.empty() ? request.logs.back() : request.heldout_log)
+                    .filename()
+                    .string() +
+                " --robot robot.extended.toml" +
+                (request.heldout_log.empty() ? " --from " + number_text(f.heldout_from_s, 15) : "")) +
+           " says it again, with " + code("robot.before.toml") + " what was before.");
     const Trace& t = f.trace;
     const auto error = [&](const std::vector<double>& simulated) {
         std::vector<double> e;
@@ -178,12 +171,9 @@ void measured_against_simulated(report::Page& page, const Findings& f, const Req
 void missing_torque(Section& s, const Curve& curve) {
     s.text(
         "From each tenth of a second: how much torque would have to be added to the model to make it do what "
-        "the robot "
-        "did, against the wheel speed at that time. A complete model lies on zero. The shape is what a "
-        "person looks "
-        "at first: a step at zero speed is dry friction, a slope is friction that grows with speed, an "
-        "offset is a "
-        "hill or a sensor's zero.");
+        "the robot did, against the wheel speed at that time. A complete model lies on zero. The shape is "
+        "what a person looks at first: a step at zero speed is dry friction, a slope is friction that grows "
+        "with speed, an offset is a hill or a sensor's zero.");
     s.chart({.title = "Torque that is missing",
              .x = {"mean wheel speed / (rad/s)"},
              .y = {"torque per wheel / Nm"},
@@ -201,8 +191,7 @@ void where(report::Page& page, const Findings& f) {
     if (f.search.where.empty()) return;
     s.text(
         "Before anything is named, the difference is compared with everything the motion offers. The shares "
-        "overlap, "
-        "as speed, torque and direction go together in most drives.");
+        "overlap, as speed, torque and direction go together in most drives.");
     report::Table table{
         "What the difference depends on", {{"place"}, {"share of the difference / %", true}}, {}};
     for (const Place& p : f.search.where) table.rows.push_back({p.name, number_text(100 * p.explains, 3)});
@@ -231,8 +220,7 @@ void evidence(Section& s, const NamedEffect& e) {
                 " of the difference that any model could close (the rest is noise that does not repeat).",
             "Its torque is " + percent(e.torque_share) + " of the torque that drove the robot.",
             "Were it not there, an improvement like this on parts of the log that did not choose it would "
-            "come about "
-            "by chance with a probability " +
+            "come about by chance with a probability " +
                 (e.probability < kSmallest ? "below " + number_text(kSmallest)
                                            : "of " + number_text(e.probability, 2)) +
                 "."});
@@ -255,8 +243,7 @@ void evidence(Section& s, const NamedEffect& e) {
     s.table(table);
     s.text(
         "An effect that is not listed is in the model already, would need an impossible size, does not show "
-        "in this "
-        "log, or is not searched for.");
+        "in this log, or is not searched for.");
     for (const Rival& r : e.rivals) {
         std::string text =
             "What would tell " + code(name_of(e.effect)) + " from " + code(name_of(r.effect)) + ": ";
@@ -289,8 +276,7 @@ void closed_loop(report::Page& page, const ClosedLoop& loop) {
     Section& s = page.section("What it is worth to the controller");
     s.text("The standard figure-8, driven by " + loop.plant +
            ", from one metre beside the path and with an exact external pose; judged by its true pose "
-           "against the reference point at that time, "
-           "from 12 s on.");
+           "against the reference point at that time, from 12 s on.");
     report::Table table{"Distance from the reference point",
                         {{"controller believes"}, {"RMS / mm", true}, {"at worst / mm", true}},
                         {}};
@@ -310,8 +296,7 @@ void closed_loop(report::Page& page, const ClosedLoop& loop) {
     if (loop.truth) {
         s.text(
             "What is left for a controller that knows the truth comes from elsewhere: wheel radii that are "
-            "not quite "
-            "those believed, the encoders' steps, the bus.");
+            "not quite those believed, the encoders' steps, the bus.");
     }
     if (!loop.before.driven || !loop.after.driven) return;
     const auto mm = [](std::vector<double> values) {
@@ -350,9 +335,8 @@ void unknown(report::Page& page, const Findings& f) {
     }
     s.text(
         "The smallest size of each effect that would have been named four times of five, had it been there, "
-        "or "
-        "would be a rival of what is. Smaller ones may be there unseen; `not in this log` means that no size "
-        "would have shown. " +
+        "or would be a rival of what is. Smaller ones may be there unseen; `not in this log` means that no "
+        "size would have shown. " +
         code("wheelwright gap --verify-detection") + " puts them to the test.");
     report::Table table{"", {{"effect"}, {"parameter"}, {"smallest size", true}, {"unit"}}, {}};
     for (const Detectable& d : f.search.detectable) {
