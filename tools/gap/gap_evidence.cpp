@@ -29,7 +29,6 @@ void add(const Block& block, Block& sum) {
             sum.product[e] += block.product[e];
         }
     }
-    sum.period_s = block.period_s;
 }
 
 }  // namespace

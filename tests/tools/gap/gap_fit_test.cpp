@@ -36,7 +36,6 @@ struct Experiment {
         constexpr int kRows = 20;
         for (int b = 0; b < 24; ++b) {
             gap::Block block;
-            block.period_s = 0.004;
             block.first_Hz = 0.25;
             block.rows = {kRows, 0};
             const double amount = kAmount + spread * normal(engine);

@@ -18,6 +18,7 @@ using tools::MeasuredSample;
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kShortestBlock_s = 0.5;
 constexpr int kFewestIntervals = 20;
+constexpr double kHighest_Hz = 25;  // of a row
 constexpr double kStanding_s = 0.02;
 constexpr double kStandingShare = 0.005;  // of the RMS speed: slower than this for longer than that stands
 
@@ -116,11 +117,9 @@ class Maker {
                     block(part, begin, end);
                 }
             } else {
-                to_.left_out_s += dt * length;
                 for (std::size_t n = i; n < run; ++n) pass(part, n);
             }
             for (i = run; i < last && left_out(part, i, last); ++i) {
-                to_.left_out_s += dt;
                 pass(part, i);
             }
         }
@@ -244,15 +243,10 @@ class Maker {
         looked_at_ += looked_at;
 
         Block made;
-        made.log = part.index;
-        made.start_s = log.samples[begin].t_s;
-        made.end_s = log.samples[end].t_s;
-        made.period_s = dt;
         const double step_s = dt * double(together);
         const double length_s = step_s * double(intervals);
-        const int rows =
-            std::clamp(static_cast<int>(2 * length_s * std::min(options_.highest_Hz, 0.2 / step_s)), 4,
-                       static_cast<int>(intervals) / 2);
+        const int rows = std::clamp(static_cast<int>(2 * length_s * std::min(kHighest_Hz, 0.2 / step_s)), 4,
+                                    static_cast<int>(intervals) / 2);
         const double left = geometry_.wheel_radius_m.left * options_.noise_rad_per_s.left;
         const double right = geometry_.wheel_radius_m.right * options_.noise_rad_per_s.right;
         const double both = std::sqrt(left * left + right * right);

@@ -36,8 +36,6 @@ namespace wheelwright::gap {
 enum Equation : std::size_t { kLinear, kTurning, kEquations };
 
 struct Block {
-    std::size_t log = 0;
-    double start_s = 0, end_s = 0, period_s = 0;
     std::array<int, kEquations> rows{};
     double first_Hz = 0;                          // frequency of the first row; the others are its multiples
     std::array<Eigen::MatrixXd, kEquations> row;  // [columns | y], white where only the sensor is noisy
@@ -81,7 +79,6 @@ struct BlockOptions {
     const Dictionary* dictionary = nullptr;  // its setting's dynamics are refined by the caller
     KeptColumns* kept = nullptr;             // null: nothing is
     double block_s = 2;
-    double highest_Hz = 25;
     WheelPair<double> noise_rad_per_s;
     double speed_rms_rad_per_s = 0;  // of the wheels, over the whole experiment
     // The torques do not turn the robot: what its wheels differ by is noise, and columns are made of their
@@ -94,7 +91,6 @@ struct BlockSet {
     Eigen::MatrixXd wheel_power;  // mean over samples of column_i . column_j,
                                   // as wheel torques, both wheels
     double torque_rms_Nm = 0;     // of both wheels together
-    double left_out_s = 0;        // where one wheel stands and the other turns
 };
 
 // The likeliest colour of the rest that columns together leave, equation by equation: of those among these

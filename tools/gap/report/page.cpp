@@ -23,56 +23,38 @@ std::string percent(double share, int digits = 3) { return number_text(100 * sha
 std::string millimetres(double metres) { return number_text(1e3 * metres, 3) + " mm"; }
 
 // The verdict for whoever reads only the first lines.
-std::string title(const Search& s) {
+struct VerdictWords {
+    std::string title, lead;
+};
+VerdictWords words_of(const Search& s) {
     switch (s.verdict) {
         case Verdict::named: {
             std::string names;
             for (std::size_t i = 0; i < s.effects.size(); ++i) {
-                names += (i == 0                      ? ""
-                          : i + 1 == s.effects.size() ? " and "
-                                                      : ", ") +
-                         name_of(s.effects[i].effect);
+                const bool last = i + 1 == s.effects.size();
+                names += (i == 0 ? "" : last ? " and " : ", ") + name_of(s.effects[i].effect);
             }
-            return "The model lacks " + names;
+            return {"The model lacks " + names,
+                    "What is named below explains the difference on parts of the log that were not used to "
+                    "find it; what other effects would do in its place stands beside it."};
         }
         case Verdict::nothing_missing:
-            return "The model lacks nothing that this log shows";
+            return {"The model lacks nothing that this log shows",
+                    "With its four motion parameters fitted anew the simulated robot does what the real one "
+                    "did, as far as this log can show; further down stands what it could not have shown."};
         case Verdict::cannot_tell:
-            return "Something is missing, and this log cannot tell what";
+            return {"Something is missing, and this log cannot tell what",
+                    "More than one effect explains the difference equally well. They would predict different "
+                    "motions elsewhere, so none is chosen; the motion that would tell them apart is named "
+                    "below."};
         case Verdict::unexplained:
-            return "Something is missing that no known effect explains";
+            return {"Something is missing that no known effect explains",
+                    "Part of the difference is real, that is, it repeats, but no effect of the catalogue "
+                    "describes it. The places below say where to look."};
         case Verdict::unusable_log:
             break;
     }
-    return "This log cannot be used";
-}
-
-std::string lead(const Search& s) {
-    std::string text =
-        "A robot was driven and its torques and wheel speeds were logged. A simulated robot was given the "
-        "same torques. This page shows where the two part, and why. ";
-    switch (s.verdict) {
-        case Verdict::named:
-            return text +
-                   "What is named below explains the difference on parts of the log that were not used to "
-                   "find it; what other effects would do in its place stands beside it.";
-        case Verdict::nothing_missing:
-            return text +
-                   "With its four motion parameters fitted anew the simulated robot does what the real one "
-                   "did, as far as this log can show; further down stands what it could not have shown.";
-        case Verdict::cannot_tell:
-            return text +
-                   "More than one effect explains the difference equally well. They would predict different "
-                   "motions elsewhere, so none is chosen; the motion that would tell them apart is named "
-                   "below.";
-        case Verdict::unexplained:
-            return text +
-                   "Part of the difference is real, that is, it repeats, but no effect of the catalogue "
-                   "describes it. The places below say where to look.";
-        case Verdict::unusable_log:
-            break;
-    }
-    return text;
+    return {"This log cannot be used", ""};
 }
 
 void key_figures(report::Page& page, const Findings& f) {
@@ -329,9 +311,10 @@ void closed_loop(report::Page& page, const ClosedLoop& loop) {
 void unknown(report::Page& page, const Findings& f) {
     Section& s = page.section("What this log could not have shown");
     if (!f.search.unknowable.empty()) {
-        std::string all;
-        for (const std::string& n : f.search.unknowable) all.append(all.empty() ? "" : ", ").append(code(n));
-        s.text("This log says nothing of " + all + ": the robot did not move in a way in which they matter.");
+        std::vector<std::string> names;
+        for (const std::string& n : f.search.unknowable) names.push_back(code(n));
+        s.text("This log says nothing of " + joined(names) +
+               ": the robot did not move in a way in which they matter.");
     }
     s.text(
         "The smallest size of each effect that would have been named four times of five, had it been there, "
@@ -369,7 +352,11 @@ void about(report::Page& page, const Findings& f, const Request& request) {
 }  // namespace
 
 void write_page(const Findings& f, const Request& request, const std::string& path) {
-    report::Page page(title(f.search), lead(f.search));
+    const VerdictWords verdict = words_of(f.search);
+    report::Page page(verdict.title,
+                      "A robot was driven and its torques and wheel speeds were logged. A simulated robot "
+                      "was given the same torques. This page shows where the two part, and why. " +
+                          verdict.lead);
     key_figures(page, f);
     measured_against_simulated(page, f, request);
     where(page, f);
