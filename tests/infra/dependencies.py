@@ -41,6 +41,11 @@ def named(*prefixes):
     return lambda header: header.startswith(prefixes)
 
 
+def tools_without(*forbidden, but=()):
+    """What tools may include, without these folders `but` those."""
+    return lambda header: header.startswith(tuple(but)) or not header.startswith(("tests/", *forbidden))
+
+
 def sim_may_include(header):
     """The simulated drives are written from the protocol, so they see the drives' frames but no driver."""
     if header.startswith("drivers/"):
@@ -61,6 +66,11 @@ RULES = {
     # The trials' robots know nothing of what the analysis is made of.
     "tools/gap_trials/hidden/": (named("tools/gap_trials/hidden/"), any_system),
     "tools/gap_exam/truth/": (named("tools/gap_exam/truth/", "tools/gap_trials/hidden/random.hpp"), any_system),
+    # The gap analysis in one direction: what was measured, the model, what is concluded, what is said of it.
+    "tools/gap/logs/": (tools_without("tools/gap/", but=["tools/gap/logs/"]), any_system),
+    "tools/gap/model/": (tools_without("tools/gap/inference/", "tools/gap/report/"), any_system),
+    "tools/gap/inference/": (tools_without("tools/gap/report/"), any_system),
+    "tools/excite/": (tools_without("tools/gap/"), any_system),
     "tools/": (lambda header: not header.startswith("tests/"), any_system),
     "toolchain/": (named("toolchain/"), any_system),
     "tests/": (lambda header: True, any_system),
@@ -122,6 +132,10 @@ PLANTED = [
     ("tools/gap_trials/hidden/trial.cpp", '#include "tools/logs/measured_csv.hpp"'),
     ("tools/gap_exam/truth/laws.hpp", '#include "firmware/model/effects.hpp"'),
     ("tools/gap_exam/truth/simulator.cpp", '#include "tools/gap_trials/hidden/robot.hpp"'),
+    ("tools/gap/logs/sensors.hpp", '#include "tools/gap/model/rows.hpp"'),
+    ("tools/gap/model/rows.hpp", '#include "tools/gap/inference/outcome.hpp"'),
+    ("tools/gap/inference/outcome.cpp", '#include "tools/gap/report/output.hpp"'),
+    ("tools/excite/motions.hpp", '#include "tools/gap/gap_fit.hpp"'),
     ("stray/file.cpp", "#include <array>"),
 ]
 

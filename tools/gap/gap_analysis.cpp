@@ -6,16 +6,16 @@
 #include <utility>
 
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_known.hpp"
-#include "tools/gap/gap_left.hpp"
-#include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_looks.hpp"
 #include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_models.hpp"
-#include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_rivals.hpp"
 #include "tools/gap/gap_slip.hpp"
+#include "tools/gap/inference/outcome.hpp"
+#include "tools/gap/inference/residual.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -46,9 +46,9 @@ LookOptions look_options(const Request& request, const Overview& overview, Parts
     return options;
 }
 
-LeftOptions left_options(const Looks& looks, std::span<const LogPart> training, const Known& known) {
+ResidualOptions left_options(const Looks& looks, std::span<const LogPart> training, const Known& known) {
     const Look& last = looks.last();
-    LeftOptions options;
+    ResidualOptions options;
     options.setting = looks.setting_found();
     options.found = effects_of(last.search.members, last.search.after, last.dictionary.setting());
     options.known = known;
@@ -161,20 +161,20 @@ Findings analyse(const Request& request) {
     if (!findings.problems.empty()) return findings;
 
     // the sensors by themselves
-    Told told = told_by_sensors(logs.logs, request.geometry, overview.turning, request.without);
-    findings.gyro = told.gyro;
-    if (told.unknown_step_rad_per_s > 0) {
+    Sensors sensors = sensors_of(logs.logs, request.geometry, overview.turning, request.without);
+    findings.gyro = sensors.gyro;
+    if (sensors.unknown_step_rad_per_s > 0) {
         findings.notes.push_back(
-            "the speeds are told in steps of " + tools::number_text(told.unknown_step_rad_per_s, 3) +
+            "the speeds are told in steps of " + tools::number_text(sensors.unknown_step_rad_per_s, 3) +
             " rad/s, by a sensor that is slower than the log: over how long it counts, and "
             "so how many counts a turn has, is not known");
     }
-    if (told.gyro) {
-        const std::optional<std::string> wrong = wrong_beside_gyro(*told.gyro);
+    if (sensors.gyro) {
+        const std::optional<std::string> wrong = wrong_beside_gyro(*sensors.gyro);
         if (wrong) findings.problems.push_back(*wrong);
     }
     if (!findings.problems.empty()) return findings;
-    Known known = known_before(told, request.without, track_m);
+    Known known = known_before(sensors, request.without, track_m);
 
     const Parts parts = split(logs, request.geometry, {!request.heldout_log.empty(), request.heldout_from_s});
     const auto& last_log = logs.logs.back();
@@ -192,7 +192,7 @@ Findings analyse(const Request& request) {
             return findings;
         }
         turning = made->turning();
-        if (!turning) told.gyro.reset();  // no radii are told by a robot that its torques do not turn
+        if (!turning) sensors.gyro.reset();  // no radii are told by a robot that its torques do not turn
         request.progress("search");
         made->look();
         made->look_with_a_guess();
@@ -224,8 +224,8 @@ Findings analyse(const Request& request) {
     Search& search = findings.search;
     const BlockSet held_out = looks.held_out();
     search.closable_share = closed_share(pointers(held_out), search);
-    const LeftOptions left = left_options(looks, parts.training, known);
-    look_at_what_is_left(search, left);
+    const ResidualOptions left = left_options(looks, parts.training, known);
+    judge_residual(search, left);
     const Fit weak = search.after;
     std::optional<SlipFound> slip;
     if (turning && may_slip(search, known)) {
@@ -245,8 +245,8 @@ Findings analyse(const Request& request) {
             "is "
             "not written there");
     }
-    name_what_sensors_show(search, told, known, track_m);
-    judge_by_sensors(search, told, request.without, track_m);
+    name_what_sensors_show(search, sensors, known, track_m);
+    judge_by_sensors(search, sensors, request.without, track_m);
 
     // the models beside the logs
     take_robots(findings, setting, turning);

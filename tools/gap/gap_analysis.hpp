@@ -1,5 +1,5 @@
 // `wheelwright gap`: from logs to findings. Everything it finds is in Findings;
-// what is written about it is gap_output.hpp's.
+// what is written about it is output.hpp's.
 #pragma once
 
 #include <array>
@@ -9,10 +9,10 @@
 #include <vector>
 
 #include "firmware/model/robot_parameters.hpp"
-#include "tools/gap/closed_loop.hpp"
-#include "tools/gap/gap_heldout.hpp"
 #include "tools/gap/gap_search.hpp"
-#include "tools/gap/gap_sensors.hpp"
+#include "tools/gap/logs/sensors.hpp"
+#include "tools/gap/report/closed_loop.hpp"
+#include "tools/gap/report/held_out.hpp"
 #include "tools/logs/log_reading.hpp"
 
 namespace wheelwright::gap {
@@ -46,7 +46,7 @@ struct Findings {
     std::optional<double> gap_nominal;  // mean squared whitened residual of the given model
     model::Dynamics<double> before, before_error, after, after_error;
     model::EffectSet<double> effects_before, effects_after;
-    // The texts of robot.extended.toml and robot.before.toml (gap_files.hpp), and why there are none.
+    // The texts of robot.extended.toml and robot.before.toml (robot_files.hpp), and why there are none.
     std::string extended_file, before_file, file_problem;
     Curve against_speed;
     Trace trace;

@@ -17,10 +17,10 @@
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/progress_line.hpp"
 #include "tools/cli/report.hpp"
-#include "tools/gap/detection.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_output.hpp"
-#include "tools/gap/write_parameters.hpp"
+#include "tools/gap/report/injection.hpp"
+#include "tools/gap/report/output.hpp"
+#include "tools/gap/report/robot_files.hpp"
+#include "tools/gap/report/write_parameters.hpp"
 #include "tools/logs/candump.hpp"
 
 namespace wheelwright::tools {
@@ -115,11 +115,8 @@ void verify_detection(const Options& options, const gap::Request& request, const
                           {"elsewhere", "another named"},
                           {"instead", "which"}});
     for (const gap::Detection& d : all) {
-        std::string instead;
-        for (const std::size_t effect : d.instead)
-            instead += (instead.empty() ? "" : ", ") + std::string(model::kEffects[effect].name);
-        report.row({std::string(model::kEffects[d.effect].name), d.factor, std::int64_t(d.logs),
-                    std::int64_t(d.named), std::int64_t(d.confounded), std::int64_t(d.elsewhere), instead});
+        report.row({gap::name_of(d.effect), d.factor, std::int64_t(d.logs), std::int64_t(d.named),
+                    std::int64_t(d.confounded), std::int64_t(d.elsewhere), gap::names_of(d.instead)});
     }
     report.publish(options.out + "/detection.json");
 }
@@ -206,9 +203,8 @@ int gap(const Options& options) {
 
 void add_gap(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    const CommandLine command = program.add_subcommand("gap",
-                                                       "Find what the model lacks: where "
-                                                       "simulation and measurement part, and why");
+    const CommandLine command = program.add_subcommand(
+        "gap", "Find what the model lacks: where simulation and measurement part, and why");
     command.footer(
         "LOG is a candump -L log of the bus with the drives (then --model is needed), a CSV with the "
         "columns\n"

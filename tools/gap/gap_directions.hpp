@@ -14,7 +14,7 @@
 #include <span>
 #include <vector>
 
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

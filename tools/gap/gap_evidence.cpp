@@ -7,8 +7,8 @@
 #include <numeric>
 #include <utility>
 
-#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -29,7 +29,6 @@ void add(const Block& block, Block& sum) {
             sum.product[e] += block.product[e];
         }
     }
-    sum.period_s = block.period_s;
 }
 
 }  // namespace

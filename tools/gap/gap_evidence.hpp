@@ -1,5 +1,5 @@
 // What lists of effects explain of the blocks, and whether one surely explains more than another: the fits
-// and tests that the search (gap_search.cpp) and what is said of its outcome (gap_outcome.hpp) stand on.
+// and tests that the search (gap_search.cpp) and what is said of its outcome (outcome.hpp) stand on.
 // Nothing here decides.
 #pragma once
 

@@ -1,4 +1,4 @@
-// Fits of K5..K8 and effects on the blocks' products (gap_rows.hpp):
+// Fits of K5..K8 and effects on the blocks' products (rows.hpp):
 // Gauss-Newton in the parameters
 //   K5, K6, K7, K8, amounts p_1 ... p_m,
 // with the coefficients  product: K5 | K6,  torque: K7 | K8,  column j of

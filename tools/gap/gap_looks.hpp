@@ -7,10 +7,10 @@
 #include <string>
 #include <vector>
 
-#include "tools/gap/gap_blocks.hpp"
-#include "tools/gap/gap_known.hpp"
-#include "tools/gap/gap_logs.hpp"
 #include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

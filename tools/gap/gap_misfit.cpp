@@ -9,7 +9,7 @@
 
 #include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_statistics.hpp"
-#include "tools/gap/products.hpp"
+#include "tools/gap/model/products.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -56,7 +56,6 @@ Posed posed(const BlockSet& set, const Colour& colour, const ModelShape& shape, 
     for (const Block& block : set.blocks) {
         Block& own = made.blocks.emplace_back();
         own.rows = block.rows;
-        own.period_s = block.period_s;
         for (std::size_t e = 0; e < kEquations; ++e) {
             Eigen::MatrixXd rows = block.row[e](Eigen::all, columns);
             for (Eigen::Index k = 0; k < rows.rows(); ++k) {

@@ -9,8 +9,8 @@
 #include <optional>
 #include <span>
 
-#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_search.hpp"
+#include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
 

@@ -5,8 +5,8 @@
 #include <vector>
 
 #include "firmware/model/robot_parameters.hpp"
-#include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_search.hpp"
+#include "tools/gap/model/free_run.hpp"
 
 namespace wheelwright::gap {
 

@@ -9,8 +9,8 @@
 #include <span>
 #include <vector>
 
-#include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_fit.hpp"
+#include "tools/gap/model/free_run.hpp"
 
 namespace wheelwright::gap {
 

@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "tools/gap/gap_search.hpp"
-#include "tools/gap/motions.hpp"
+#include "tools/gap/inference/separating_motion.hpp"
 
 namespace wheelwright::gap {
 

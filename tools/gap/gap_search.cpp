@@ -5,10 +5,10 @@
 #include <map>
 #include <numeric>
 
-#include "tools/gap/gap_detectable.hpp"
 #include "tools/gap/gap_evidence.hpp"
-#include "tools/gap/gap_outcome.hpp"
 #include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/inference/detection_limits.hpp"
+#include "tools/gap/inference/outcome.hpp"
 
 namespace wheelwright::gap {
 namespace {

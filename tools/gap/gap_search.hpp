@@ -14,12 +14,14 @@
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_thresholds.hpp"
 
+namespace wheelwright::excite {
+struct Motion;
+}
+
 namespace wheelwright::gap {
 
 enum class Verdict { named, nothing_missing, cannot_tell, unexplained, unusable_log };
 const char* verdict_name(Verdict verdict);
-
-struct Motion;
 
 struct Rival {
     std::size_t effect = 0;
@@ -29,7 +31,7 @@ struct Rival {
     double keeps = 0;     // share of the gain that it keeps in the winner's place
     std::string_view measurement;  // that would tell it, where no motion does; empty: none is known
     // Driven with this size it tells them apart best (motions.hpp); null: none is known.
-    const Motion* motion = nullptr;
+    const excite::Motion* motion = nullptr;
     double motion_size_Nm = 0;
 };
 
@@ -93,7 +95,7 @@ struct Search {
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
     double closable_torque_share = 0, left_torque_share = 0;
-    // Of the closable gap, closed, by closed_share() (gap_outcome.hpp): the analysis' own, not the search's.
+    // Of the closable gap, closed, by closed_share() (outcome.hpp): the analysis' own, not the search's.
     // NaN: only sensors err.
     double closable_share = 0;
     double timing_samples = 0, timing_error = 0;  // torque acts later than logged

@@ -7,11 +7,11 @@
 #include <cstddef>
 #include <limits>
 
-#include "tools/gap/gap_blocks.hpp"
 #include "tools/gap/gap_columns.hpp"
 #include "tools/gap/gap_errors.hpp"
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/model/rows.hpp"
 #include "tools/gap/tyre_slip.hpp"
 
 namespace wheelwright::gap {
@@ -85,11 +85,14 @@ std::vector<GyroSum> sums(const std::vector<MeasuredLog>& logs, const model::Geo
 std::optional<RollingSlip> slip_by_gyro(const std::vector<MeasuredLog>& logs,
                                         const model::Geometry<double>& g) {
     constexpr double kSure = 4;  // standard errors: the rows must say so as well
+    constexpr double kLeastShare =
+        0.001;  // of the yaw rate: no track is known better, and lags leave as much
     constexpr double kLongest_s = 0.015, kStep = 1.25;
     if (logs.empty() ||
         !std::all_of(logs.begin(), logs.end(), [](const MeasuredLog& l) { return l.has_gyro; }))
         return std::nullopt;
     double least = std::numeric_limits<double>::infinity();
+    double share = 0;  // of the yaw rate that the slip makes, RMS over RMS
     RollingSlip best;
     for (double each_s = 0; each_s<kLongest_s; each_s = each_s> 0 ? kStep * each_s : 0.0005) {
         const std::vector<GyroSum> blocks = sums(logs, g, each_s);
@@ -118,8 +121,10 @@ std::optional<RollingSlip> slip_by_gyro(const std::vector<MeasuredLog>& logs,
         // the wheels turn the robot by more than the gyro sees
         best = {-g.track_m * scale(kColumns - 1) * value(kColumns - 1),
                 g.track_m * scale(kColumns - 1) * error};
+        // columns that are scaled have a root mean square of one, the yaw rate's of its own scale's inverse
+        share = std::abs(value(kColumns - 1)) * scale(1);
     }
-    if (!(best.value > kSure * best.error)) return std::nullopt;
+    if (!(best.value > kSure * best.error) || share < kLeastShare) return std::nullopt;
     return best;
 }
 
@@ -141,7 +146,7 @@ bool may_slip(const Search& search, const Known& known) {
                         [](const Way& way) { return way.effect == kSlip; });
 }
 
-RollingSlip slip_in_rows(const Search& search, const LeftOptions& options) {
+RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options) {
     Points points = options.known.given;
     for (const Way& way : search.members) {
         if (way.kind != Way::Kind::linear && search.points.contains(way.effect))

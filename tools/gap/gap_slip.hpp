@@ -7,7 +7,7 @@
 #include <optional>
 #include <vector>
 
-#include "tools/gap/gap_left.hpp"
+#include "tools/gap/inference/residual.hpp"
 #include "tools/logs/measured_log.hpp"
 
 namespace wheelwright::gap {
@@ -27,7 +27,7 @@ std::optional<RollingSlip> slip_by_gyro(const std::vector<tools::MeasuredLog>& l
 bool may_slip(const Search& search, const Known& known);
 
 // By how the wheels accelerate, beside what was found.
-RollingSlip slip_in_rows(const Search& search, const LeftOptions& options);
+RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options);
 
 // Where both say so and agree, or the gyro says it twice as surely and the rows do not deny it: the effect's
 // parameters, and the standard error of its slip speed. The limit of the force shows in neither.

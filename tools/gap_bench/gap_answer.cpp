@@ -10,7 +10,7 @@
 
 #include "firmware/task/robot_file.hpp"
 #include "tools/cli/run_program.hpp"
-#include "tools/gap/free_run.hpp"
+#include "tools/gap/model/free_run.hpp"
 
 namespace wheelwright::bench {
 namespace {

@@ -15,10 +15,10 @@ namespace wheelwright::tools {
 namespace {
 
 // Each motion once, of the largest size that it is advised with.
-std::vector<gap::Advice> motions_of(const gap::AdviceFile& file) {
-    std::vector<gap::Advice> motions;
-    for (const gap::Advice& advice : file.advice) {
-        const auto same = std::find_if(motions.begin(), motions.end(), [&](const gap::Advice& other) {
+std::vector<excite::Advice> motions_of(const excite::AdviceFile& file) {
+    std::vector<excite::Advice> motions;
+    for (const excite::Advice& advice : file.advice) {
+        const auto same = std::find_if(motions.begin(), motions.end(), [&](const excite::Advice& other) {
             return other.motion == advice.motion;
         });
         if (same == motions.end()) {
@@ -32,20 +32,20 @@ std::vector<gap::Advice> motions_of(const gap::AdviceFile& file) {
 
 }  // namespace
 
-hidden::TorqueProgramme programme_of(const gap::Excitation& excitation) {
+hidden::TorqueProgramme programme_of(const excite::Excitation& excitation) {
     hidden::TorqueProgramme programme;
-    programme.halt_s = gap::kHalt_s;
+    programme.halt_s = excite::kHalt_s;
     programme.fastest_m_per_s = excitation.speed_limit_m_per_s;
     programme.fastest_yaw_rad_per_s = excitation.yaw_rate_limit_rad_per_s;
     for (int round = 0; round < excitation.rounds; ++round) {
         const auto torque_Nm = [excitation, round](double t_s) {
             // the last set-point, also where a rounding error lies between it and the time
             const double setpoint_s =
-                gap::kSetpointPeriod_s * std::floor(t_s / gap::kSetpointPeriod_s + 1e-6);
+                excite::kSetpointPeriod_s * std::floor(t_s / excite::kSetpointPeriod_s + 1e-6);
             const WheelPair<double> torque = excitation.torque_at(round, setpoint_s);
             return hidden::Pair{torque.left, torque.right};
         };
-        programme.pushes.push_back({torque_Nm, gap::kMotion_s});
+        programme.pushes.push_back({torque_Nm, excite::kMotion_s});
     }
     return programme;
 }
@@ -56,10 +56,10 @@ void drive_advised(const Asked& asked, Further& further) {
         trial.hidden.find("gain_drift") != nullptr) {
         return;
     }
-    const gap::AdviceFile file = gap::read_advice((asked.analysis / "gap.json").string());
+    const excite::AdviceFile file = excite::read_advice((asked.analysis / "gap.json").string());
     if (file.advice.empty()) return;
     std::set<std::string> apart;
-    for (const gap::Advice& advice : file.advice) apart.insert({advice.tell, advice.from});
+    for (const excite::Advice& advice : file.advice) apart.insert({advice.tell, advice.from});
     further.apart.assign(apart.begin(), apart.end());
     further.can_tell = std::any_of(apart.begin(), apart.end(), [&](const std::string& name) {
         return trial.hidden.find(name) != nullptr;
@@ -72,9 +72,9 @@ void drive_advised(const Asked& asked, Further& further) {
         return;
     }
     std::vector<std::filesystem::path> logs{asked.log};
-    for (const gap::Advice& advice : motions_of(file)) {
-        const gap::Excitation excitation =
-            gap::plan_excitation(advice, robot.robot->parameters, gap::kUsualRounds);
+    for (const excite::Advice& advice : motions_of(file)) {
+        const excite::Excitation excitation =
+            excite::plan_excitation(advice, robot.robot->parameters, excite::kUsualRounds);
         std::array<char, 100> text{};
         std::snprintf(text.data(), text.size(), "%s%s %.3g of %.3g Nm", further.driven.empty() ? "" : ", ",
                       std::string(advice.motion->name).c_str(), excitation.size_Nm, advice.torque_Nm);

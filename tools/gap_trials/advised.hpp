@@ -2,14 +2,14 @@
 // would drive them, and all logs are analysed as one experiment.
 #pragma once
 
-#include "tools/gap/excitation.hpp"
+#include "tools/excite/excitation.hpp"
 #include "tools/gap_trials/further.hpp"
 #include "tools/gap_trials/hidden/motion.hpp"
 
 namespace wheelwright::tools {
 
 // What excite commands: rounds with a halt between, set-points as often, the same limits.
-hidden::TorqueProgramme programme_of(const gap::Excitation& excitation);
+hidden::TorqueProgramme programme_of(const excite::Excitation& excitation);
 
 // Drives the motions of gap.json's advice, mostly one, of the size that excite would choose with the robot
 // file that lies beside it, from rest and heading as in the first log. Not asked: without an advice; where

@@ -8,8 +8,8 @@
 #include <stdexcept>
 #include <string_view>
 
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_output.hpp"
+#include "tools/gap/report/output.hpp"
+#include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::tools {
 namespace {

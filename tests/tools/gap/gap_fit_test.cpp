@@ -9,10 +9,10 @@
 
 #include "sim_hal/plant.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
-#include "tools/gap/free_run.hpp"
 #include "tools/gap/gap_fit.hpp"
 #include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_refine.hpp"
+#include "tools/gap/model/free_run.hpp"
 //
 #include <CppUTest/TestHarness.h>
 
@@ -36,7 +36,6 @@ struct Experiment {
         constexpr int kRows = 20;
         for (int b = 0; b < 24; ++b) {
             gap::Block block;
-            block.period_s = 0.004;
             block.first_Hz = 0.25;
             block.rows = {kRows, 0};
             const double amount = kAmount + spread * normal(engine);

@@ -1,5 +1,5 @@
 // Rows of regression from a log.
-#include "tools/gap/gap_rows.hpp"
+#include "tools/gap/model/rows.hpp"
 
 #include <CppUTest/TestHarness.h>
 

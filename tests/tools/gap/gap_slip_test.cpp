@@ -15,9 +15,9 @@ constexpr double kPeriod_s = 0.004;
 const model::Geometry<double> kGeometry{{0.1, 0.1}, 0.5};
 
 // 40 s of a robot whose two motions follow torques of several tones; the drives' loop makes two lags.
-tools::MeasuredLog drive(double slip_per_Nm_rad_per_s, double each_lag_s) {
+tools::MeasuredLog drive(double slip_per_Nm_rad_per_s, double each_lag_s, double noise_rad_per_s = 0.01) {
     std::mt19937_64 random(5);
-    std::normal_distribution<double> noise(0, 0.01);
+    std::normal_distribution<double> noise(0, noise_rad_per_s);
     tools::MeasuredLog log;
     log.period_s = kPeriod_s;
     log.has_gyro = true;
@@ -66,6 +66,12 @@ TEST(GapSlip, WheelsAndGyroDisagreeUnderForce) {
 
 TEST(GapSlip, WithoutSlipALateReportIsNone) {
     for (const double lag_s : {0.001, 0.004, 0.008}) CHECK(!gap::slip_by_gyro({drive(0, lag_s)}, kGeometry));
+}
+
+// However sure: of a tenth of a thousandth of the yaw rate no wheel and no lag is as the model has it.
+TEST(GapSlip, ATrifleIsNone) {
+    CHECK(gap::slip_by_gyro({drive(0.001, 0.004, 1e-4)}, kGeometry).has_value());
+    CHECK(!gap::slip_by_gyro({drive(1e-5, 0.004, 1e-4)}, kGeometry).has_value());
 }
 
 TEST(GapSlip, WithoutAGyroNothingIsSaid) {

@@ -10,13 +10,13 @@
 #include "tests/support/seeds.hpp"
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tests/tools/ident/temporary_file.hpp"
-#include "tools/gap/detection.hpp"
 #include "tools/gap/gap_analysis.hpp"
-#include "tools/gap/gap_files.hpp"
-#include "tools/gap/gap_heldout.hpp"
-#include "tools/gap/gap_logs.hpp"
-#include "tools/gap/gap_output.hpp"
-#include "tools/gap/gap_sensors.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/logs/sensors.hpp"
+#include "tools/gap/report/held_out.hpp"
+#include "tools/gap/report/injection.hpp"
+#include "tools/gap/report/output.hpp"
+#include "tools/gap/report/robot_files.hpp"
 //
 #include <CppUTest/TestHarness.h>
 
@@ -213,7 +213,7 @@ TEST(GapSensors, a_sensor_slower_than_the_log_loses_no_rows_and_its_counts_are_n
         }
         std::vector<bool> unusable;
         CHECK(gap::repair(log, unusable).empty());
-        const gap::Sensors sensors = gap::look_at_sensors({log}, {{0.08, 0.08}, 0.4});
+        const gap::Sensors sensors = gap::sensors_of({log}, {{0.08, 0.08}, 0.4});
         CHECK_EQUAL(together == 1 ? 1U : 0U, sensors.effects.size());
         DOUBLES_EQUAL(together == 1 ? 0 : 0.12, sensors.unknown_step_rad_per_s, 1e-9);
     }
@@ -250,7 +250,7 @@ TEST(GapSensors, a_lag_of_the_report_is_known_from_a_noisy_gyro) {
                                      (late_forward + difference) / radius_m + 0.05 * normal(random)};
                 log.samples.push_back(s);
             }
-            const gap::Sensors sensors = gap::look_at_sensors({log}, geometry);
+            const gap::Sensors sensors = gap::sensors_of({log}, geometry);
             CHECK(sensors.gyro.has_value());
             std::printf("%.0f Hz, lag %.3f s: %.5f +- %.5f s\n", rate_Hz, lag_s, sensors.gyro->lag_s,
                         sensors.gyro->lag_error_s);

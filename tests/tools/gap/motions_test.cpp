@@ -5,7 +5,7 @@
 #include <tuple>
 
 #include "sim_hal/plant.hpp"
-#include "tools/gap/motions.hpp"
+#include "tools/gap/inference/separating_motion.hpp"
 //
 #include <CppUTest/TestHarness.h>
 
@@ -47,7 +47,7 @@ double turned_rad(const gap::Confusion& c, const gap::Separation& found) {
     sim::Plant plant(sim::plant_from_dynamics(c.setting.geometry, c.setting.dynamics, c.effects));
     double least = 0;
     double most = 0;
-    for (double t = 0; t < gap::kMotion_s; t += 0.002) {
+    for (double t = 0; t < excite::kMotion_s; t += 0.002) {
         plant.advance(0.002, found.motion->torque_Nm(t, found.size_Nm));
         least = std::min(least, plant.pose().heading_rad);
         most = std::max(most, plant.pose().heading_rad);
@@ -55,8 +55,8 @@ double turned_rad(const gap::Confusion& c, const gap::Separation& found) {
     return most - least;
 }
 
-bool turns_on_the_spot(const gap::Motion& motion) {
-    for (double t = 0; t < gap::kMotion_s; t += 0.1) {
+bool turns_on_the_spot(const excite::Motion& motion) {
+    for (double t = 0; t < excite::kMotion_s; t += 0.1) {
         if (motion.torque_Nm(t, 1).left != -motion.torque_Nm(t, 1).right) return false;
     }
     return true;
@@ -107,7 +107,7 @@ TEST(GapMotions, the_robot_stays_within_the_speeds_it_had) {
         CHECK(found.motion != nullptr);
         sim::Plant plant(sim::plant_from_dynamics(c.setting.geometry, c.setting.dynamics, c.effects));
         double fastest = 0;
-        for (double t = 0; t < gap::kMotion_s; t += 0.002) {
+        for (double t = 0; t < excite::kMotion_s; t += 0.002) {
             plant.advance(0.002, found.motion->torque_Nm(t, found.size_Nm));
             const WheelPair<double>& w = plant.wheel_speed_rad_per_s();
             fastest = std::max({fastest, std::abs(w.left), std::abs(w.right)});

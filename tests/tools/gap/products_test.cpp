@@ -1,4 +1,4 @@
-#include "tools/gap/products.hpp"
+#include "tools/gap/model/products.hpp"
 
 #include <CppUTest/TestHarness.h>
 

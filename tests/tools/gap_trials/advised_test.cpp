@@ -30,9 +30,9 @@ hidden::Trial trial() {
     return hidden::generate(plan, "ode", hidden::make_ode_plant);
 }
 
-gap::Excitation excitation(const char* motion, double size_Nm) {
-    gap::Excitation e;
-    e.motion = gap::find_motion(motion);
+excite::Excitation excitation(const char* motion, double size_Nm) {
+    excite::Excitation e;
+    e.motion = excite::find_motion(motion);
     e.size_Nm = size_Nm;
     e.rounds = 2;
     e.speed_limit_m_per_s = 2.2;
@@ -46,7 +46,7 @@ double forward_m_per_s(const hidden::Trial& t, const hidden::Sample& s) {
 
 // Of one rest before, and a halt behind each round.
 constexpr double kRest_s = 0.4;
-constexpr double kRound_s = gap::kMotion_s + gap::kHalt_s;
+constexpr double kRound_s = excite::kMotion_s + excite::kHalt_s;
 
 Finding said(const std::string& verdict, const std::vector<std::vector<std::string>>& names_and_rivals) {
     Finding finding;
@@ -84,7 +84,7 @@ TEST_GROUP(Advised){};
 
 TEST(Advised, TheSecondLogHoldsTheTorquesThatExciteCommands) {
     const hidden::Trial first = trial();
-    const gap::Excitation e = excitation("creep", 0.9);
+    const excite::Excitation e = excitation("creep", 0.9);
     const hidden::Trial second = hidden::driven_through(first, programme_of(e), hidden::make_ode_plant);
     DOUBLES_EQUAL(kRest_s + 2 * kRound_s, second.duration_s, 1e-12);
     LONGS_EQUAL(std::lround(second.duration_s * second.rate_Hz) + 1, second.samples.size());
@@ -98,7 +98,7 @@ TEST(Advised, TheSecondLogHoldsTheTorquesThatExciteCommands) {
         const int round = t_s < kRound_s - 1e-9 ? 0 : 1;
         const double in_round_s = t_s - round * kRound_s;
         fastest_m_per_s = std::max(fastest_m_per_s, std::abs(forward_m_per_s(second, s)));
-        if (in_round_s > gap::kMotion_s - 1e-9) continue;
+        if (in_round_s > excite::kMotion_s - 1e-9) continue;
         // of a set-point 10 ms old at most
         const double setpoint_s = std::floor(in_round_s * 100 + 1e-4) / 100;
         const WheelPair<double> wanted = e.torque_at(round, setpoint_s);
@@ -134,7 +134,7 @@ TEST(Advised, TheRobotIsTheSameAndTheNoiseIsNot) {
 
 TEST(Advised, ARoundInWhichTheRobotGetsTooFastEnds) {
     const hidden::Trial first = trial();
-    gap::Excitation e = excitation("coast", 0.6);
+    excite::Excitation e = excitation("coast", 0.6);
     e.speed_limit_m_per_s = 0.2;
     const hidden::Trial second = hidden::driven_through(first, programme_of(e), hidden::make_ode_plant);
     double fastest_m_per_s = 0, slowest_m_per_s = 0;

@@ -1,0 +1,98 @@
+#include "tools/gap/inference/sensor_evidence.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "tools/gap/gap_statistics.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+constexpr std::size_t kLag = model::find_effect("measurement_lag");
+constexpr std::size_t kCounts = model::find_effect("encoder_quantisation");
+constexpr std::size_t kMismatch = model::find_effect("wheel_radius_mismatch");
+constexpr double kSmallMismatch = 0.004;  // of the wheels' radii
+
+bool is_among(std::span<const std::size_t> effects, std::size_t effect) {
+    return std::find(effects.begin(), effects.end(), effect) != effects.end();
+}
+
+bool shows(const std::vector<SensorEffect>& effects, std::size_t effect) {
+    return std::any_of(effects.begin(), effects.end(),
+                       [&](const SensorEffect& e) { return e.effect == effect; });
+}
+
+ParameterEstimate estimate(double value, double error) {
+    return {value, error, {value - kNormalQuantile * error, value + kNormalQuantile * error}, true};
+}
+
+// How much the robot turns as it drives straight on, as a difference of the radii over their mean.
+struct Bend {
+    double size = 0, error = 0;
+};
+Bend bend_of(const Sensors::Gyro& gyro, double track_m) {
+    return {std::abs(gyro.bend_per_m) * track_m, gyro.bend_error * track_m};
+}
+
+}  // namespace
+
+Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded, double track_m) {
+    constexpr double kShortLag_s = 0.003;
+    Known known;
+    known.excluded.assign(excluded.begin(), excluded.end());
+    known.white_noise = !shows(sensors.effects, kCounts) && sensors.unknown_step_rad_per_s == 0;
+    if (!sensors.gyro) return known;
+    for (const SensorEffect& e : sensors.effects) {
+        if (e.effect != kLag) continue;
+        known.given[kLag] = {e.value};
+        known.large_gap = kGapBehindLag;
+    }
+    if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
+    const Bend bend = bend_of(*sensors.gyro, track_m);
+    if (bend.size + 3 * bend.error < kSmallMismatch) known.excluded.push_back(kMismatch);
+    return known;
+}
+
+void name_what_sensors_show(Search& search, const Sensors& sensors, const Known& known, double track_m) {
+    for (NamedEffect& e : search.effects) {
+        if (!sensors.gyro || e.effect != kMismatch) continue;
+        // gyro = omega + x v / b with x = relative / (1 + relative / 2), both wheels' mean radius kept
+        const double bend = sensors.gyro->bend_per_m * track_m;
+        const double value = bend / (1 - bend / 2);
+        const double error = std::hypot(sensors.gyro->bend_error * track_m, 0.005 * value);
+        if (std::abs(value - e.parameters[0].value) > 4 * e.parameters[0].standard_error) continue;
+        e.parameters[0] = estimate(value, error);
+    }
+    for (const SensorEffect& e : sensors.effects) {
+        if (e.effect == kLag && !known.given.contains(kLag)) continue;
+        NamedEffect named;
+        named.effect = e.effect;
+        named.probability = 0;
+        named.parameters.push_back(estimate(e.value, e.standard_error));
+        search.effects.push_back(named);
+    }
+    if (search.verdict == Verdict::nothing_missing && !search.effects.empty()) {
+        search.closable_share = std::numeric_limits<double>::quiet_NaN();  // it moves no wheel
+        search.verdict = Verdict::named;
+        search.reason = "what a sensor reports shows it directly";
+    }
+}
+
+void judge_by_sensors(Search& search, const Sensors& sensors, std::span<const std::size_t> excluded,
+                      double track_m) {
+    const auto say = [&](const char* place, const std::string& what) {
+        std::erase_if(search.where, [&](const Place& p) { return p.name == place; });
+        search.where.insert(search.where.begin(), {place, 1.0});
+        search.verdict = Verdict::unexplained;
+        search.reason = "the gyro shows " + what + ", which no effect that was looked for does";
+    };
+    if (sensors.late_report) say("lag", "that the wheel speeds are reported late");
+    if (!sensors.gyro || !is_among(excluded, kMismatch)) return;
+    const Bend bend = bend_of(*sensors.gyro, track_m);
+    if (bend.size > kSmallMismatch + 3 * bend.error)
+        say("coupling of turning and driving", "that the robot turns as it drives straight on");
+}
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,31 @@
+#include "tools/gap/model/products.hpp"
+
+#include <cblas.h>
+
+#include <algorithm>
+
+namespace wheelwright::gap {
+namespace {
+
+blasint size(Eigen::Index n) { return static_cast<blasint>(n); }
+// BLAS wants a distance between columns of one at least, of an empty matrix too.
+blasint stride(const Eigen::MatrixXd& a) { return std::max<blasint>(1, size(a.rows())); }
+
+}  // namespace
+
+Eigen::MatrixXd product(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+    Eigen::MatrixXd c(a.rows(), b.cols());
+    cblas_dgemm(CblasColMajor, CblasNoTrans, CblasNoTrans, size(a.rows()), size(b.cols()), size(a.cols()),
+                1.0, a.data(), stride(a), b.data(), stride(b), 0.0, c.data(), stride(c));
+    return c;
+}
+
+Eigen::MatrixXd times_itself(const Eigen::MatrixXd& a) {
+    Eigen::MatrixXd c(a.rows(), a.rows());
+    cblas_dsyrk(CblasColMajor, CblasLower, CblasNoTrans, size(a.rows()), size(a.cols()), 1.0, a.data(),
+                stride(a), 0.0, c.data(), stride(c));
+    for (Eigen::Index j = 1; j < c.cols(); ++j) c.col(j).head(j) = c.row(j).head(j).transpose();
+    return c;
+}
+
+}  // namespace wheelwright::gap
