@@ -14,4 +14,7 @@ Eigen::MatrixXd product(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 // a a^T: both triangles, a.rows() square, at half the cost of product().
 Eigen::MatrixXd times_itself(const Eigen::MatrixXd& a);
 
+// L^-1 b, of the lower triangle of `lower`.
+Eigen::MatrixXd solved_lower(const Eigen::MatrixXd& lower, Eigen::MatrixXd b);
+
 }  // namespace wheelwright::gap
