@@ -81,8 +81,7 @@ std::optional<Denied> denied_by(const Looks& looks, std::span<const LogPart> tra
     if (const auto effect = no_better_in_free_run(last.search, pointers(last.train), training,
                                                   last.dictionary.setting(), looks.turning()))
         return Denied{*effect, "the simulated robot drives no closer to the logs with it"};
-    if (const auto effect =
-            unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last)))
+    if (const auto effect = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last)))
         return Denied{*effect, "how much of it there is depends on how the rows are weighed"};
     return std::nullopt;
 }
@@ -220,6 +219,7 @@ Findings analyse(const Request& request) {
                                  ": not looked for, because " + denied->why);
     }
     const Known& known = looks.known();
+    findings.denied = known.rivals_only;
     findings.turning = turning;
     findings.blocks = looks.blocks();
 

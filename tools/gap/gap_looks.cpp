@@ -34,6 +34,9 @@ void keep_what_was_not_tried(Search& now, const Search& earlier) {
     for (const Detectable& d : earlier.detectable) {
         if (!has(now.detectable, d.effect) && !has(now.effects, d.effect)) now.detectable.push_back(d);
     }
+    for (const Tried& t : earlier.tried) {
+        if (!has(now.tried, t.effect)) now.tried.push_back(t);
+    }
     for (NamedEffect& e : now.effects) {
         for (const NamedEffect& was : earlier.effects) {
             if (was.effect != e.effect) continue;
