@@ -54,7 +54,8 @@ class Looks {
     // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
     void look_closer(int broad);
     // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
-    // Whether it is there still, once the others have found their places without it? False: it is, or there is none such.
+    // Whether it is there still, once the others have found their places without it? False: it is, or there
+    // is none such.
     bool look_without_the_least();
 
     // The torques turn the robot: the turning equation is used.
