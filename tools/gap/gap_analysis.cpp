@@ -71,6 +71,29 @@ void take_misfit(Search& search, const Fit& weak, const Look& last) {
     take_refined(search, last.dictionary.setting());
 }
 
+// An effect that was found and is not to be named, and why.
+struct Denied {
+    std::size_t effect = 0;
+    std::string why;
+};
+std::optional<Denied> denied_by(const Looks& looks, std::span<const LogPart> training) {
+    const Look& last = looks.last();
+    if (const auto effect = no_better_in_free_run(last.search, pointers(last.train), training,
+                                                  last.dictionary.setting(), looks.turning()))
+        return Denied{*effect, "the simulated robot drives no closer to the logs with it"};
+    if (const auto effect = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last)))
+        return Denied{*effect, "how much of it there is depends on how the rows are weighed"};
+    return std::nullopt;
+}
+
+std::optional<Denied> look_at_all(Looks& looks, std::span<const LogPart> training) {
+    looks.look();
+    looks.look_with_a_guess();
+    looks.look_closer(kBroadPasses);
+    const std::optional<Denied> denied = denied_by(looks, training);
+    return !denied && looks.look_without_the_least() ? denied_by(looks, training) : denied;
+}
+
 // The robot found, for motions that would tell what it was named for from something else. `setting`, here and
 // below: of the last look's dictionary.
 Confusion confusion(const Search& s, const Setting& setting, double torque_rms_Nm, const Overview& overview,
@@ -174,7 +197,6 @@ Findings analyse(const Request& request) {
         if (wrong) findings.problems.push_back(*wrong);
     }
     if (!findings.problems.empty()) return findings;
-    Known known = known_before(sensors, request.without, track_m);
 
     const Parts parts = split(logs, request.geometry, {!request.heldout_log.empty(), request.heldout_from_s});
     const auto& last_log = logs.logs.back();
@@ -183,37 +205,21 @@ Findings analyse(const Request& request) {
 
     // the looks
     request.progress("products of columns");
-    std::optional<Looks> made;
-    bool turning = false;
-    for (bool again = true; again;) {
-        made.emplace(look_options(request, overview, parts, known));
-        if (const std::optional<std::string> problem = made->first_model()) {
-            findings.problems.push_back(*problem);
-            return findings;
-        }
-        turning = made->turning();
-        if (!turning) sensors.gyro.reset();  // no radii are told by a robot that its torques do not turn
-        request.progress("search");
-        made->look();
-        made->look_with_a_guess();
-        made->look_closer(kBroadPasses);
-        made->look_without_the_least();
-        const Look& last = made->last();
-        const Setting& setting = last.dictionary.setting();
-        std::optional<std::size_t> useless =
-            no_better_in_free_run(last.search, pointers(last.train), parts.training, setting, turning);
-        std::string why = "the simulated robot drives no closer to the logs with it";
-        if (!useless) {
-            useless = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last));
-            why = "how much of it there is depends on how the rows are weighed";
-        }
-        again = useless.has_value();
-        if (!useless) continue;
-        known.rivals_only.push_back(*useless);
-        findings.notes.push_back(std::string(model::kEffects[*useless].name) + ": not looked for, because " +
-                                 why);
+    Looks looks(look_options(request, overview, parts, known_before(sensors, request.without, track_m)));
+    if (const std::optional<std::string> problem = looks.first_model()) {
+        findings.problems.push_back(*problem);
+        return findings;
     }
-    Looks& looks = *made;
+    const bool turning = looks.turning();
+    if (!turning) sensors.gyro.reset();  // no radii are told by a robot that its torques do not turn
+    request.progress("search");
+    while (const std::optional<Denied> denied = look_at_all(looks, parts.training)) {
+        looks.deny(denied->effect);
+        findings.notes.push_back(std::string(model::kEffects[denied->effect].name) +
+                                 ": not looked for, because " + denied->why);
+    }
+    const Known& known = looks.known();
+    findings.denied = known.rivals_only;
     findings.turning = turning;
     findings.blocks = looks.blocks();
 

@@ -41,6 +41,7 @@ struct Findings {
     WheelPair<double> noise_rad_per_s;
     std::optional<Sensors::Gyro> gyro;
     std::vector<LogFault> faults;
+    std::vector<std::size_t> denied;  // effects that were found, and are not named; a note says why
     std::vector<FreeRun> heldout;
     double heldout_s = 0, heldout_from_s = 0, floor_rad_per_s = 0, heldout_rms_rad_per_s = 0;
     std::optional<double> gap_nominal;  // mean squared whitened residual of the given model

@@ -55,6 +55,42 @@ class PathTerm : public Contribution {
     WheelPair<Memory> memory_;
 };
 
+// A first-order lag: the mean over an interval in which the input is held. What it keeps is computed once for
+// intervals of one length.
+class Lag {
+  public:
+    explicit Lag(double time_s) : time_s_(time_s) {}
+    double operator()(double& state, double input, double dt_s) {
+        if (!(time_s_ > 0)) return input;
+        if (dt_s != dt_s_) {
+            dt_s_ = dt_s;
+            keeps_ = model::exp_minus(dt_s / time_s_);
+            mean_ = model::mean_exp_minus(dt_s / time_s_);
+        }
+        const double away = state - input;
+        state = input + away * keeps_;
+        return input + away * mean_;
+    }
+
+  private:
+    double time_s_;
+    double dt_s_ = 0, keeps_ = 1, mean_ = 1;
+};
+
+class ActuatorLagTerm : public Contribution {
+  public:
+    static constexpr bool kByDynamics = false;
+    ActuatorLagTerm(const Parameters<double>& p, const Setting&) : lagged_(p[0]) {}
+    WheelPair<double> over(const Interval& i) override {
+        return {lagged_(state_.left, i.torque.left, i.dt_s) - i.torque.left,
+                lagged_(state_.right, i.torque.right, i.dt_s) - i.torque.right};
+    }
+
+  private:
+    Lag lagged_;
+    WheelPair<double> state_;
+};
+
 // By how much friction that falls over this speed has fallen along a log: what all the columns of it share.
 class StribeckFall {
   public:
@@ -399,7 +435,8 @@ class PayloadTerm : public Contribution {
 class MeasurementLagTerm : public Contribution {
   public:
     static constexpr bool kByDynamics = true;
-    MeasurementLagTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s), torque_(p, s) {}
+    MeasurementLagTerm(const Parameters<double>& p, const Setting& s)
+        : p_(p), s_(s), torque_(p, s), lagged_(p[0]) {}
     WheelPair<double> over(const Interval& i) override {
         const WheelPair<double> late = torque_.over(i);  // lagged less given
         const auto& k = s_.dynamics;
@@ -409,8 +446,8 @@ class MeasurementLagTerm : public Contribution {
         const double omega =
             u.omega_rad_per_s +
             p_[0] * (k.k6_per_m * product_ + k.k8_per_kg_m2 * (i.torque.difference() + late.difference()));
-        const double square = lagged(square_, omega * omega, i.dt_s);
-        const double product = lagged(product_, v * omega, i.dt_s);
+        const double square = lagged_(square_, omega * omega, i.dt_s);
+        const double product = lagged_(product_, v * omega, i.dt_s);
         const WheelPair<double> products =
             pair_for(s_, k.k5_m * (square - u.omega_rad_per_s * u.omega_rad_per_s),
                      k.k6_per_m * (product - u.v_m_per_s * u.omega_rad_per_s), 1);
@@ -418,18 +455,10 @@ class MeasurementLagTerm : public Contribution {
     }
 
   private:
-    // Mean over an interval in which the input is held.
-    double lagged(double& state, double input, double dt_s) const {
-        if (!(p_[0] > 0)) return input;
-        const double steps = dt_s / p_[0];
-        const double away = state - input;
-        state = input + away * model::exp_minus(steps);
-        return input + away * model::mean_exp_minus(steps);
-    }
-
     Parameters<double> p_;
     Setting s_;
-    PathTerm<model::ActuatorLag> torque_;
+    ActuatorLagTerm torque_;
+    Lag lagged_;
     double square_ = 0, product_ = 0;
 };
 
@@ -442,6 +471,10 @@ template <typename Effect>
     requires model::InTorquePath<Effect>
 struct TermOf<Effect> {
     using Type = PathTerm<Effect>;
+};
+template <>
+struct TermOf<model::ActuatorLag> {
+    using Type = ActuatorLagTerm;
 };
 template <>
 struct TermOf<model::TorqueRipple> {

@@ -34,6 +34,9 @@ void keep_what_was_not_tried(Search& now, const Search& earlier) {
     for (const Detectable& d : earlier.detectable) {
         if (!has(now.detectable, d.effect) && !has(now.effects, d.effect)) now.detectable.push_back(d);
     }
+    for (const Tried& t : earlier.tried) {
+        if (!has(now.tried, t.effect)) now.tried.push_back(t);
+    }
     for (NamedEffect& e : now.effects) {
         for (const NamedEffect& was : earlier.effects) {
             if (was.effect != e.effect) continue;
@@ -129,7 +132,16 @@ std::optional<std::string> Looks::first_model() {
         block_options_.straight = true;
     }
     make(dynamics_of(f, turning_, options_.geometry.track_m), {}, true);
+    first_ = look_;
     return std::nullopt;
+}
+
+void Looks::deny(std::size_t effect) {
+    options_.known.rivals_only.push_back(effect);
+    closer_looks_ = 0;
+    event_spacing_s_ = 0;
+    look_.reset();  // its blocks take room
+    look_ = first_;
 }
 
 // Driven straight a robot may be turned by what is missing more than by the torques' difference: those fit
@@ -197,11 +209,11 @@ void Looks::look_closer(int broad) {
     }
 }
 
-void Looks::look_without_the_least() {
+bool Looks::look_without_the_least() {
     constexpr double kNextToNothing = 0.05;
     const Search& s = look_->search;
     if (s.effects.size() < 2 || s.verdict == Verdict::unexplained || s.effects.back().closes > kNextToNothing)
-        return;
+        return false;
     std::vector<std::size_t> others;
     Points points;
     for (std::size_t i = 0; i + 1 < s.effects.size(); ++i) {
@@ -209,7 +221,7 @@ void Looks::look_without_the_least() {
         const auto found = s.points.find(others.back());
         if (found != s.points.end()) points.insert(*found);
     }
-    if (points.empty()) return;  // what is linear has one place
+    if (points.empty()) return false;  // what is linear has one place
     Look before = put_aside();
     only_ = others;
     closer_looks_ = 0;
@@ -223,10 +235,11 @@ void Looks::look_without_the_least() {
         keep_what_was_not_tried(look_->search, before.search);
         if (look_->search.effects.size() == others.size() && look_->search.verdict != Verdict::unexplained) {
             look_closer(0);
-            return;
+            return true;
         }
     }
     look_ = std::move(before);
+    return false;
 }
 
 // Times of events are tried closer together, but not much closer than they can be told apart.

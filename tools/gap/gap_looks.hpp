@@ -42,6 +42,9 @@ class Looks {
     // these logs cannot be searched.
     std::optional<std::string> first_model();
 
+    // Begins again after first_model(), with an effect that is a rival at most.
+    void deny(std::size_t effect);
+
     // At everything, over the same blocks and columns as the last time.
     void look();
     // Where much is missing, K5..K8 without it may be far off, and with them the columns of effects that act
@@ -51,13 +54,16 @@ class Looks {
     // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
     void look_closer(int broad);
     // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
-    // Whether it is there still, once the others have found their places without it?
-    void look_without_the_least();
+    // Whether it is there still, once the others have found their places without it? False: it is, or there
+    // is none such.
+    bool look_without_the_least();
 
     // The torques turn the robot: the turning equation is used.
     bool turning() const { return turning_; }
     // Pieces of the logs that the first model was fitted to.
     std::size_t blocks() const { return blocks_; }
+    // What is known, by now.
+    const Known& known() const { return options_.known; }
     // The last look that was kept.
     const Look& last() const { return *look_; }
     // Of the held-out part, with the columns of the last look; none without one. Made at each call.
@@ -76,7 +82,7 @@ class Looks {
     void look_closer_at_events();
     bool near_enough() const;
 
-    const LookOptions options_;
+    LookOptions options_;
     KeptColumns kept_;
     BlockOptions block_options_;
     bool driving_ = true, turning_ = false;
@@ -85,7 +91,7 @@ class Looks {
     std::vector<std::size_t> only_;  // these are looked for, or, if none, all
     int closer_looks_ = 0;
     double event_spacing_s_ = 0;
-    std::optional<Look> look_;
+    std::optional<Look> look_, first_;  // first: as it was before anything was looked for
 };
 
 }  // namespace wheelwright::gap

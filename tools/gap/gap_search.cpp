@@ -44,6 +44,7 @@ class Searcher {
         result_.left_torque_share = evidence_.torque_share(result_.gap_after - result_.floor);
         result_.members = members_;
         result_.detectable = detectable(evidence_, members_);
+        try_all();
         result_.base_members = base_members_;
         for (std::size_t i = 0; i < members_.size(); ++i) note(members_, i, result_.after);
         describe_effects(evidence_, probability_, result_);
@@ -457,6 +458,28 @@ class Searcher {
         probability_[held.back().effect] = evidence_.probability_of_last(all_, held);
         members_ = held;
         return true;
+    }
+
+    // Search::tried.
+    void try_all() {
+        Members usual = evidence_.base();
+        usual.insert(usual.end(), evidence_.friction().begin(), evidence_.friction().end());
+        for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+            if (contains(evidence_.base(), i) || evidence_.impossible(i)) continue;
+            const auto gain = [&](Members beside, Tried& tried) {
+                std::erase_if(beside, [&](const Way& way) { return way.effect == i; });
+                const auto best = evidence_.best_point(i, beside, all_);
+                if (!best || !evidence_.excited(best->way)) return 0.0;
+                tried.unknowns = unknowns(best->way);
+                return evidence_.rows() *
+                       std::log(evidence_.fit(all_, beside, Spread::left_out).squares / best->squares);
+            };
+            Tried tried;
+            tried.effect = i;
+            tried.beside_friction = gain(usual, tried);
+            tried.beside_found = gain(members_, tried);
+            if (tried.unknowns > 0) result_.tried.push_back(tried);
+        }
     }
 
     void note(const Members& members, std::size_t member, const Fit& f) {

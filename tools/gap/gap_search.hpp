@@ -61,6 +61,14 @@ struct Detectable {
     std::function<std::vector<model::Parameters<double>>(double factor)> parameters;
 };
 
+// An effect at the best of its points, in all pieces, whether it is named or not: twice the logarithm of the
+// likelihood ratio, which is as large as `unknowns` by chance if every row is one by itself.
+struct Tried {
+    std::size_t effect = 0, unknowns = 0;
+    double beside_friction = 0;  // found
+    double beside_found = 0;     // beside all that was found
+};
+
 struct SearchOptions {
     const Dictionary* dictionary = nullptr;  // that the blocks were made with
     model::EffectSet<double> base;           // effects that the model has already; refitted
@@ -82,6 +90,7 @@ struct Search {
     std::vector<std::string> unknowable;
     std::vector<Place> where;  // the analysis' own (gap_places.hpp), not the search's
     std::vector<Detectable> detectable;
+    std::vector<Tried> tried;  // those in range that the log holds something of
     std::vector<Way> members;  // of `after`, in its order: first those of the base
     std::size_t base_members = 0;
     std::vector<Way> friction;  // that the log could show, whether it is there or not

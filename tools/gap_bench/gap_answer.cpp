@@ -62,6 +62,12 @@ void take_json(const Json& json, GapAnswer& answer) {
     }
     for (const auto& [name, known] : json.at("parameter_shift").items())
         take_parameter("", name, known, answer);
+    for (const Json& tried : json.value("tried", Json::array())) {
+        answer.tried.push_back({tried.at("name").get<std::string>(), tried.at("unknowns").get<double>(),
+                                tried.at("beside_friction").get<double>(),
+                                tried.at("beside_found").get<double>()});
+    }
+    answer.denied = json.value("denied", answer.denied);
     const Json stated = json.value("/heldout/forward_rms_rad_s/after"_json_pointer, Json());
     if (stated.is_number()) answer.stated_rms_rad_per_s = stated.get<double>();
 }

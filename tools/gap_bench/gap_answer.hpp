@@ -29,6 +29,12 @@ struct NamedEffect {
     std::vector<std::string> rivals;
 };
 
+// Twice the logarithm of an effect's likelihood ratio, beside friction and beside all that is named.
+struct Tried {
+    std::string name;
+    double unknowns = 1, beside_friction = 0, beside_found = 0;
+};
+
 // A number that the answer gives with an interval: of an effect that is named, or one of K5..K8 (no effect).
 struct StatedParameter {
     std::string effect, name;
@@ -40,6 +46,8 @@ struct GapAnswer {
     std::string verdict;
     std::vector<NamedEffect> effects;
     std::vector<StatedParameter> parameters;  // those with an interval
+    std::vector<Tried> tried;                 // by builds that say so
+    std::vector<std::string> denied;
     // Of a free run over the pieces asked for, rad/s: by the written robot file, forward and over both
     // wheels, and forward as gap.json states it.
     double rms_rad_per_s = std::numeric_limits<double>::infinity();

@@ -129,6 +129,36 @@ void add_power(Report& report, const Answers& answers) {
     }
 }
 
+// The ceiling: what an oracle could be sure of that knows which effect to ask for, and tests it beside
+// friction by the likelihood ratio of all rows.
+void add_misses(Report& report, const Answers& answers) {
+    constexpr std::array kWhy{"unseen: no likelihood ratio beside friction",
+                              "another that is named stands for it",
+                              "denied by the free run or other weightings",
+                              "sure by all rows, not by the pieces", "no point in range"};
+    std::array<std::pair<std::int64_t, std::string>, kWhy.size()> why;
+    Count asked;
+    for (const Answered& a : answers) {
+        const Further f = a.log.robot.further;
+        if (!in_catalogue(f) || a.log.further.share <= kLarge || a.log.further.visible < kVisible) continue;
+        asked.take(a.judged.further);
+        if (a.judged.further == Held::named) continue;
+        auto& [count, logs] = why.at(static_cast<std::size_t>(miss_of(name_of(f), a.answer)));
+        ++count;
+        logs += (logs.empty() ? "" : ", ") + std::to_string(a.log.number) + " " + std::string(name_of(f));
+    }
+    report.section("misses", "Further effects of the catalogue above " + number_text(100 * kLarge) +
+                                 " % of the torque that are not named");
+    report.table("list", {{"why", "why"}, {"logs", "logs"}, {"which", "which"}});
+    for (std::size_t k = 0; k < kWhy.size(); ++k) {
+        if (why.at(k).first > 0) report.row({std::string(kWhy.at(k)), why.at(k).first, why.at(k).second});
+    }
+    const auto seen = asked.all - why[0].first - why[4].first;
+    report.add("oracle", "likelihood ratio sure, if one knew what to ask for", share(seen, asked.all));
+    report.add("ceiling", "the same, and nothing that is named stands for it",
+               share(seen - why[1].first, asked.all));
+}
+
 void add_wrong(Report& report, const Answers& answers) {
     report.section("wrong", "Logs with a wrong name, by share of the torque that the further effect has");
     report.table("by_size", size_columns({{"logs", "logs with"}, {"none", "none"}}));
@@ -276,6 +306,7 @@ Report exam_report(const Answers& answers) {
     Report report("gap-exam");
     add_logs(report, answers);
     add_power(report, answers);
+    add_misses(report, answers);
     add_wrong(report, answers);
     add_intervals(report, answers);
     add_held_out(report, answers);

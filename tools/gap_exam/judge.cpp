@@ -1,6 +1,7 @@
 #include "tools/gap_exam/judge.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 
 namespace wheelwright::exam {
@@ -49,6 +50,22 @@ Held of_further(const ExamLog& log, const GapAnswer& answer, const std::vector<N
 }
 
 }  // namespace
+
+Miss miss_of(std::string_view effect, const GapAnswer& answer) {
+    // Chance makes no more than this of a chi square: Chernoff's bound.
+    const auto sure = [](double ratio, double unknowns) {
+        const double level = kOracleLevel / static_cast<double>(kFirstOutside - 1);
+        return ratio > unknowns &&
+               (ratio - unknowns) / 2 - unknowns / 2 * std::log(ratio / unknowns) > -std::log(level);
+    };
+    const auto tried = std::find_if(answer.tried.begin(), answer.tried.end(),
+                                    [&](const bench::Tried& t) { return t.name == effect; });
+    if (std::find(answer.denied.begin(), answer.denied.end(), effect) != answer.denied.end())
+        return Miss::denied;
+    if (tried == answer.tried.end()) return Miss::not_tried;
+    if (!sure(tried->beside_friction, tried->unknowns)) return Miss::unseen;
+    return sure(tried->beside_found, tried->unknowns) ? Miss::not_taken : Miss::stood_for;
+}
 
 Judged judge(const ExamLog& log, const GapAnswer& answer) {
     Judged judged;

@@ -56,3 +56,13 @@ TEST(GapProducts, of_a_matrix_and_itself) {
         CHECK(c == c.transpose());
     }
 }
+
+TEST(GapProducts, solved_by_a_lower_triangle) {
+    for (const Eigen::Index rows : {1, 3, 9, 20}) {
+        Eigen::MatrixXd lower = some(rows, rows, 11);
+        lower.diagonal().array() += 4;
+        const Eigen::MatrixXd b = some(rows, 5, 13);
+        const Eigen::MatrixXd solved = gap::solved_lower(lower, b);
+        check(lower.triangularView<Eigen::Lower>(), solved, b);
+    }
+}

@@ -56,6 +56,19 @@ TEST(ExamJudge, OfTheCatalogue) {
     LONGS_EQUAL(1, wrong(Further::slope, answer("named", {{"torque_bias", {}}})));
 }
 
+TEST(ExamJudge, WhyItIsNotNamed) {
+    GapAnswer a = answer("named", {});
+    CHECK(exam::miss_of("slope", a) == exam::Miss::not_tried);
+    a.tried = {{"slope", 1, 10, 0}};  // a chi square of one degree is above 12.6 once in 2500
+    CHECK(exam::miss_of("slope", a) == exam::Miss::unseen);
+    a.tried = {{"slope", 1, 30, 2}};
+    CHECK(exam::miss_of("slope", a) == exam::Miss::stood_for);
+    a.tried = {{"slope", 1, 30, 30}};
+    CHECK(exam::miss_of("slope", a) == exam::Miss::not_taken);
+    a.denied = {"slope"};
+    CHECK(exam::miss_of("slope", a) == exam::Miss::denied);
+}
+
 TEST(ExamJudge, OfNoCatalogue) {
     CHECK(held(Further::wind, answer("unexplained", {{"slope", {}}})) == Held::named);
     LONGS_EQUAL(0, wrong(Further::wind, answer("unexplained", {{"slope", {}}})));

@@ -28,4 +28,10 @@ Eigen::MatrixXd times_itself(const Eigen::MatrixXd& a) {
     return c;
 }
 
+Eigen::MatrixXd solved_lower(const Eigen::MatrixXd& lower, Eigen::MatrixXd b) {
+    cblas_dtrsm(CblasColMajor, CblasLeft, CblasLower, CblasNoTrans, CblasNonUnit, size(b.rows()),
+                size(b.cols()), 1.0, lower.data(), stride(lower), b.data(), stride(b));
+    return b;
+}
+
 }  // namespace wheelwright::gap

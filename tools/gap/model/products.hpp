@@ -1,4 +1,4 @@
-// The two matrix products in which an analysis of a log spends most of its time, by OpenBLAS, which takes the
+// The matrix operations in which an analysis of a log spends most of its time, by OpenBLAS, which takes the
 // widest vectors that the processor has; Eigen takes those that it was compiled for, which every processor
 // has. Processors may differ by roundings, calls on one do not. Any shape that multiplies, empty ones
 // included. Safe from several threads; each call works in its own (the serial build of OpenBLAS).
@@ -13,5 +13,9 @@ Eigen::MatrixXd product(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
 // a a^T: both triangles, a.rows() square, at half the cost of product().
 Eigen::MatrixXd times_itself(const Eigen::MatrixXd& a);
+
+// L^-1 b, of the lower triangle L of `lower`, square and with no zero on its diagonal. lower.cols() ==
+// b.rows().
+Eigen::MatrixXd solved_lower(const Eigen::MatrixXd& lower, Eigen::MatrixXd b);
 
 }  // namespace wheelwright::gap

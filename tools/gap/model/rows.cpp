@@ -374,7 +374,7 @@ Rests rests_of(const BlockSet& set, std::size_t e, const std::vector<int>& colum
     c(count) = -1;
     for (std::size_t b = 0; b < rows.size(); ++b) {
         const Eigen::VectorXd rest = rows[b] * c;
-        const Eigen::MatrixXd pull = root.matrixL().solve(rows[b].leftCols(count).transpose());
+        const Eigen::MatrixXd pull = solved_lower(root.matrixLLT(), rows[b].leftCols(count).transpose());
         for (Eigen::Index k = 0; k < rest.size(); ++k) {
             const double f = frequency_Hz(set.blocks[b], k);
             Rests::Band& band = rests.bands[Rests::band_of(f)];

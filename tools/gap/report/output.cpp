@@ -178,6 +178,15 @@ std::string json(const Findings& f, const Request& request) {
         }
         out["detectable"][std::string(info.name)] = one;
     }
+    out["tried"] = Json::array();
+    for (const Tried& t : s.tried) {
+        out["tried"].push_back({{"name", name_of(t.effect)},
+                                {"unknowns", t.unknowns},
+                                {"beside_friction", t.beside_friction},
+                                {"beside_found", t.beside_found}});
+    }
+    out["denied"] = Json::array();
+    for (const std::size_t effect : f.denied) out["denied"].push_back(name_of(effect));
     out["advice"] = advice;
     Json gap;
     gap["nominal"] = f.gap_nominal ? Json(*f.gap_nominal) : Json(nullptr);

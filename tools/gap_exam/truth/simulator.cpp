@@ -132,7 +132,8 @@ double Simulator::shaft_torque_Nm(std::size_t side, double asked_Nm, const State
         }
         case Further::actuator_lag:
             if (!(amount > 0)) return asked_Nm;
-            rate[kLag + side] = (asked_Nm - s[kLag + side]) / (amount * (1 - kSecondLag));
+            rate[kLag + side] =
+                (asked_Nm - s[kLag + side]) / std::max(amount * (1 - kSecondLag), 2 * kLongestStep_s);
             rate[kLagged + side] =
                 (s[kLag + side] - s[kLagged + side]) / std::max(amount * kSecondLag, 2 * kLongestStep_s);
             return s[kLagged + side];
