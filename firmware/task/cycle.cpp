@@ -502,14 +502,22 @@ void Cycle::send(std::int64_t) {
     sent_torque_Nm_ = output_.torque_Nm;
     observer_.torque_sent(sent_torque_Nm_);
     const std::uint32_t refused = send_refused_;
-    for (const hal::CanFrame& frame : torques_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
+    for (const hal::CanFrame& frame : torques_.frames()) {
+        // On a jammed bus one torque for each drive may grow old, not a queue of them.
+        if (ports_.drive_bus.waits(frame.id)) {
+            ++send_refused_;
+        } else {
+            transmit(ports_.drive_bus, frame, drive_meter_);
+        }
+    }
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
     for (const hal::CanFrame& frame : outbox_.frames()) {
         if (transmit(ports_.drive_bus, frame, drive_meter_)) continue;
         if (!ports_.left.refused(frame)) ports_.right.refused(frame);
     }
 
-    const Telemetry::Turn turn = long_cycle_ ? Telemetry::Turn{} : telemetry_.next(cycle_);
+    const bool jammed = refused_torques_ > 0 && ports_.host_bus == nullptr;
+    const Telemetry::Turn turn = long_cycle_ || jammed ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
     hal::CanFrame frame;
     if (telemetry_.build(turn, report_, frame)) {
