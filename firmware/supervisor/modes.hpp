@@ -18,10 +18,12 @@ inline constexpr std::size_t kModeCount = protocol::mode_values.size();
 
 // What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
 struct Conditions {
-    bool feedback_stale = false;         // encoder feedback of a wheel is older than its limit
-    bool encoder_implausible = false;    // a wheel's angle stands still though the wheel must have turned
-    bool command_stale = false;          // the active mode's set-point was not repeated in time
-    bool drive_error = false;            // a drive reports an error
+    bool feedback_stale = false;       // encoder feedback of a wheel is older than its limit
+    bool encoder_implausible = false;  // a wheel's angle stands still though the wheel must have turned
+    bool command_stale = false;  // the active mode's set-point was not repeated in time, or the host is gone
+    bool drive_error = false;    // a drive reports an error
+    bool torque_not_followed = false;    // a drive reports another torque set-point than it was given
+    bool drive_enable_failed = false;    // the drive-enable line cannot be written
     bool foreign_control = false;        // somebody else arms a drive or gives it set-points
     bool drive_silent = false;           // a drive's heartbeat is overdue
     bool drives_armed = false;           // both drives follow torque commands
@@ -29,6 +31,7 @@ struct Conditions {
     bool drive_disarmed_itself = false;  // a drive that was armed has left that state unasked
     bool arming_refused = false;         // a drive would not arm
     bool watchdog_confirmed = false;     // both drives' own watchdogs are known to be on
+    bool control_mode_confirmed = true;  // neither drive has said that it is not in torque mode
     bool over_speed = false;
     bool stop_line_active = false;  // also when the line cannot be read
     bool stop_message = false;      // an emergency-stop message came in this cycle
@@ -49,8 +52,6 @@ inline constexpr std::uint16_t kDriving = bit(Mode::torque) | bit(Mode::ident) |
                                           bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
 inline constexpr std::uint16_t kIdle = bit(Mode::idle);
 inline constexpr std::uint16_t kPathModes = bit(Mode::trajectory) | bit(Mode::adaptive);
-inline constexpr std::uint16_t kSetpointModes =
-    bit(Mode::torque) | bit(Mode::velocity) | bit(Mode::pose) | bit(Mode::trajectory) | bit(Mode::adaptive);
 
 // Which stop a fault asks for. `as_configured_*` names a parameter of the robot file's [safety].
 enum class StopBy : std::uint8_t {
@@ -78,15 +79,18 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::stop_message, kDriving | kIdle, Fault::emergency_stop_message,
               StopBy::as_configured_emergency_stop},
     FaultRule{&Conditions::bus_down, kDriving, Fault::bus_down, StopBy::coast},
+    // After a stall of this computer all else is old, and the drives have stopped by themselves.
+    FaultRule{&Conditions::overrun, kDriving, Fault::cycle_overrun, StopBy::as_configured_overrun},
     FaultRule{&Conditions::foreign_control, kDriving | kIdle, Fault::foreign_control, StopBy::coast},
+    FaultRule{&Conditions::drive_enable_failed, kDriving, Fault::drive_enable_failed, StopBy::coast},
+    FaultRule{&Conditions::torque_not_followed, kDriving, Fault::torque_not_followed, StopBy::coast},
     FaultRule{&Conditions::drive_error, kDriving, Fault::drive_error, StopBy::coast},
     FaultRule{&Conditions::drive_silent, kDriving, Fault::drive_silent, StopBy::coast},
     FaultRule{&Conditions::drive_disarmed_itself, kDriving, Fault::drive_left_armed_state, StopBy::coast},
     FaultRule{&Conditions::feedback_stale, kDriving, Fault::stale_feedback, StopBy::coast},
     FaultRule{&Conditions::encoder_implausible, kDriving, Fault::encoder_implausible, StopBy::coast},
     FaultRule{&Conditions::over_speed, kDriving, Fault::over_speed, StopBy::as_configured_over_speed},
-    FaultRule{&Conditions::overrun, kDriving, Fault::cycle_overrun, StopBy::as_configured_overrun},
-    FaultRule{&Conditions::command_stale, kSetpointModes, Fault::stale_command,
+    FaultRule{&Conditions::command_stale, kDriving, Fault::stale_command,
               StopBy::as_configured_stale_command},
     FaultRule{&Conditions::terminate, kDriving, Fault::terminated, StopBy::as_configured_terminate},
 };

@@ -72,8 +72,8 @@ void Supervisor::step(const Conditions& now) {
         }
         // Braking needs feedback, obedient drives and time; without one of them it becomes coasting.
         if (now.feedback_stale || now.encoder_implausible || now.foreign_control || !now.drives_armed ||
-            now.drive_error || now.bus_down || now.not_finite ||
-            (emergency && !config_.stops.emergency_stop_ramps)) {
+            now.drive_error || now.torque_not_followed || now.drive_enable_failed || now.bus_down ||
+            now.not_finite || (emergency && !config_.stops.emergency_stop_ramps)) {
             phase_ = Phase::steady;
         }
     }
@@ -81,9 +81,10 @@ void Supervisor::step(const Conditions& now) {
     switch (phase_) {
         case Phase::arming:
             if (now.arming_refused || phase_cycles_ > config_.arming_limit_cycles) {
-                blocker_ = !now.watchdog_confirmed ? Blocker::watchdog_not_confirmed
-                           : now.drive_error       ? Blocker::drive_error
-                                                   : Blocker::drives_not_armed;
+                blocker_ = !now.watchdog_confirmed       ? Blocker::watchdog_not_confirmed
+                           : !now.control_mode_confirmed ? Blocker::control_mode_not_confirmed
+                           : now.drive_error             ? Blocker::drive_error
+                                                         : Blocker::drives_not_armed;
                 stop(Fault::arming_refused, false);
             } else if (now.drives_armed && !now.drive_error && !now.drive_disarmed_itself &&
                        (now.path_known || (bit(requested_) & kPathModes) == 0)) {

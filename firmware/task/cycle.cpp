@@ -138,7 +138,7 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
         if (from_host) {
             host_.accept(received);
         } else {
-            host_.accept_stop(received.frame);
+            host_.accept_anywhere(received.frame);
         }
     }
 }
@@ -185,6 +185,12 @@ void Cycle::forget_late_setpoints() {
     forget(host_.streamed, protocol::StreamedPose::cycle_time_ms);
 }
 
+// Where no set-point is asked for, somebody must be there all the same.
+bool Cycle::host_gone() const {
+    const double limit_s = parameters_.safety.host_timeout_s;
+    return limit_s > 0 && stale(host_.heard_ns(), limit_s);
+}
+
 // A set-point that has begun to come must go on coming.
 bool Cycle::setpoint_stale() const {
     switch (supervisor_.mode()) {
@@ -196,7 +202,10 @@ bool Cycle::setpoint_stale() const {
             return late(host_.goal, protocol::PoseGoal::cycle_time_ms);
         case Mode::trajectory:
         case Mode::adaptive:
-            return control_.streamed() && late(host_.streamed, protocol::StreamedPose::cycle_time_ms);
+            return control_.streamed() ? late(host_.streamed, protocol::StreamedPose::cycle_time_ms)
+                                       : host_gone();
+        case Mode::ident:
+            return host_gone();
         default:
             return false;
     }
@@ -236,14 +245,20 @@ void Cycle::judge_conditions() {
     if (c.feedback_stale) ++stale_feedback_cycles_;
     c.encoder_implausible = encoder_implausible();
     c.command_stale = setpoint_stale();
+    const drivers::DriveFault left_fault = left.fault();
+    const drivers::DriveFault right_fault = right.fault();
     const auto either_failed = [&](drivers::DriveFault fault) {
-        return left.fault() == fault || right.fault() == fault;
+        return left_fault == fault || right_fault == fault;
     };
     const bool left_by_itself = either_failed(drivers::DriveFault::left_armed);
-    const std::uint32_t foreign = left.counters().foreign_control + right.counters().foreign_control;
+    const std::uint32_t foreign = left.counters().foreign_control + right.counters().foreign_control +
+                                  host_.counter(HostLink::Cause::foreign_control);
     c.foreign_control = foreign != foreign_control_;
     foreign_control_ = foreign;
-    c.drive_error = either(DriveState::fault) && !left_by_itself;
+    const bool other_torque = either_failed(drivers::DriveFault::torque_not_followed);
+    c.torque_not_followed = other_torque && was_armed_;
+    c.drive_enable_failed = enable_failed_;
+    c.drive_error = either(DriveState::fault) && !left_by_itself && !other_torque;
     c.drive_silent = either(DriveState::silent);
     c.path_known = !control_.pace().running();
     c.drives_armed = left_state == DriveState::armed && right_state == DriveState::armed;
@@ -253,6 +268,8 @@ void Cycle::judge_conditions() {
                                           right_refusal != drivers::ArmRefusal::none);
     const auto unguarded = drivers::ArmRefusal::watchdog_not_confirmed;
     c.watchdog_confirmed = left_refusal != unguarded && right_refusal != unguarded;
+    const auto other_mode = drivers::ArmRefusal::mode_not_confirmed;
+    c.control_mode_confirmed = left_refusal != other_mode && right_refusal != other_mode;
     // Written so that what is no number counts as dangerous.
     c.over_speed = !(std::abs(motion.twist.v_m_per_s) <= safety.over_speed_m_per_s &&
                      std::abs(motion.twist.omega_rad_per_s) <= safety.over_yaw_rate_rad_per_s);
@@ -324,7 +341,7 @@ void Cycle::obey() {
         ports_.right.request_disarm();
     }
     drives_wanted_ = wanted;
-    if (ports_.drive_enable != nullptr) ports_.drive_enable->write(wanted);
+    enable_failed_ = ports_.drive_enable != nullptr && !ports_.drive_enable->write(wanted);
 
     const MotionInputs now = motion_inputs();
     if (supervisor_.entered()) {

@@ -115,6 +115,7 @@ class Cycle {
     template <typename Setpoint>
     bool late(const Setpoint& setpoint, std::uint16_t cycle_time_ms) const;
     bool setpoint_stale() const;
+    bool host_gone() const;
     void forget_late_setpoints();
     bool stale(std::int64_t time_ns, double limit_s) const;
     MotionInputs motion_inputs() const;
@@ -165,6 +166,7 @@ class Cycle {
     bool was_ramping_ = false;
     bool drives_wanted_ = false;
     bool overran_ = false;
+    bool enable_failed_ = false;
     bool identifying_ = false;
     bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
     int resting_cycles_ = 0;

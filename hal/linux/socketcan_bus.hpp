@@ -10,9 +10,9 @@
 // would_block.
 //
 // What has left is known from the kernel's confirmations (CAN_RAW_RECV_OWN_MSGS): of controllers whose driver
-// echoes at the end of the transmission, when a frame has been on the wire; of others (vcan), when the interface
-// has taken it. Confirmations pass the filters like other frames, so waits() knows of identifiers that the filters
-// accept. One that is lost is made up by the next one.
+// echoes at the end of the transmission, when a frame has been on the wire; of others (vcan), when the
+// interface has taken it. Confirmations pass the filters like other frames, so waits() knows of identifiers
+// that the filters accept. One that is lost is made up by the next one.
 //
 // bus_down is noticed in send() and receive(), and taken back when a frame gets through again, or when the
 // controller reports a restart. A controller that is bus-off stays so unless `restart-ms` is set.

@@ -1,5 +1,5 @@
-// The scenes of the trust tests: a robot that has been identified, in every layout of the buses, and frames that
-// do not come from its firmware, its drives or its host.
+// The scenes of the trust tests: a robot that has been identified, in every layout of the buses, and frames
+// that do not come from its firmware, its drives or its host.
 #pragma once
 
 #include <algorithm>
@@ -48,8 +48,9 @@ inline void for_each_layout(const std::function<void(const Layout&)>& visit) {
 class Scene {
   public:
     explicit Scene(const Layout& layout, std::uint64_t seed = 31,
-                   const model::RobotParameters& believed = identified())
-        : sim(believed, real().parameters, options(layout, seed)) {
+                   const model::RobotParameters& believed = identified(),
+                   const model::RobotParameters& truth = real().parameters)
+        : sim(believed, truth, options(layout, seed)) {
         sim.run_for(0.5);
     }
 
@@ -57,6 +58,7 @@ class Scene {
         SimulationOptions o = chain::options(seed);
         o.separate_host_bus = layout.separate;
         o.emergency_stop_line = true;
+        o.drive_enable_line = true;
         o.world.phase_ns = {100'000, 150'000};  // a foreign frame then is the last one of its cycle
         return o;
     }
@@ -117,7 +119,7 @@ inline hal::CanFrame encoder_frame(std::size_t side, float position_rev, float s
 }
 
 inline hal::CanFrame drive_frame(std::size_t side, std::uint32_t command, std::uint32_t first,
-                          std::uint32_t second = 0) {
+                                 std::uint32_t second = 0) {
     hal::CanFrame frame = encoder_frame(side, 0, 0);
     frame.id = (frame.id & ~0x1FU) | command;
     frame.length = command == kSetAxisState ? 4 : 8;
