@@ -30,7 +30,8 @@ enum class ArmRefusal : std::uint8_t {
     none,
     silent,
     drive_error,
-    watchdog_not_confirmed,  // the drive's own command watchdog is not known to be on
+    watchdog_not_confirmed,  // the drive's own command watchdog is not known to be on, or too slow
+    mode_not_confirmed,      // the drive says that it is not in torque mode
     timed_out,
     other_generation,
 };
@@ -38,11 +39,12 @@ enum class ArmRefusal : std::uint8_t {
 // Why a drive is, or was last, in the state fault or silent.
 enum class DriveFault : std::uint8_t {
     none,
-    silent,         // went silent while armed or arming
-    error,          // reports error bits
-    left_armed,     // ended the armed state by itself, with no error to show
-    disarm_failed,  // stays armed although it was told to go idle
-    armed_unasked,  // is armed, and not by this driver
+    silent,               // went silent while armed or arming
+    error,                // reports error bits
+    left_armed,           // ended the armed state by itself, with no error to show
+    disarm_failed,        // stays armed although it was told to go idle
+    armed_unasked,        // is armed, and not by this driver
+    torque_not_followed,  // reports another set-point than it was given: in another mode, say
 };
 
 // Monotonic counters.
@@ -152,6 +154,8 @@ constexpr std::string_view to_string_view(ArmRefusal refusal) {
             return "drive_error";
         case ArmRefusal::watchdog_not_confirmed:
             return "watchdog_not_confirmed";
+        case ArmRefusal::mode_not_confirmed:
+            return "mode_not_confirmed";
         case ArmRefusal::timed_out:
             return "timed_out";
         case ArmRefusal::other_generation:
@@ -174,6 +178,8 @@ constexpr std::string_view to_string_view(DriveFault fault) {
             return "disarm_failed";
         case DriveFault::armed_unasked:
             return "armed_unasked";
+        case DriveFault::torque_not_followed:
+            return "torque_not_followed";
     }
     return "unknown";
 }

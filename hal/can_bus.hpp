@@ -76,6 +76,12 @@ class CanBus {
     // Queues one frame for transmission. The frame is copied.
     virtual CanStatus send(const CanFrame& frame) = 0;
 
+    // Whether a frame with this (11-bit, classic) identifier that send() has taken has not been on the wire
+    // yet, as far as the last receive() knows. Frames leave in the order of send(), so who sends no other
+    // frame of an identifier that still waits has one old frame of it in the queue at most, however long the
+    // bus is jammed. False where the machine cannot tell.
+    virtual bool waits(std::uint32_t id) const = 0;
+
     // Takes the oldest waiting frame. Own frames are never received. Returns would_block when none waits.
     virtual CanStatus receive(ReceivedFrame& out) = 0;
 

@@ -91,6 +91,13 @@ hal::CanStatus InProcessBus::Endpoint::send(const hal::CanFrame& frame) {
     return hal::CanStatus::ok;
 }
 
+bool InProcessBus::Endpoint::waits(std::uint32_t id) const {
+    for (std::size_t i = 0; i < transmit_count_; ++i) {
+        if (transmit_[(transmit_first_ + i) & bus_->transmit_mask_].id == id) return true;
+    }
+    return false;
+}
+
 hal::CanStatus InProcessBus::Endpoint::receive(hal::ReceivedFrame& out) {
     bus_->catch_up();
     if (receive_count_ == 0 || receive_[receive_first_].available_ns > bus_->now_ns_) {

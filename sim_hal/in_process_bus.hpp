@@ -107,6 +107,7 @@ class InProcessBus {
     class Endpoint final : public hal::CanBus {
       public:
         hal::CanStatus send(const hal::CanFrame& frame) override;
+        bool waits(std::uint32_t id) const override;
         hal::CanStatus receive(hal::ReceivedFrame& out) override;
         bool set_filters(std::span<const hal::CanFilter> filters) override;
         hal::CanStatistics statistics() const override;

@@ -1,6 +1,7 @@
 #include "sim_hal/sim_odrive.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "drivers/odrive/odrive_0_5_messages.hpp"
@@ -14,6 +15,11 @@ namespace gen5 = drivers::odrive_0_5;
 namespace gen6 = drivers::odrive_0_6;
 
 constexpr std::uint32_t kTorqueControl = 1;
+constexpr std::uint32_t kPositionControl = 3;
+// The factory's gains of ODrive 0.5 and 0.6: pos_gain, vel_gain, vel_integrator_gain.
+constexpr double kHoldPosition_per_s = 20;
+constexpr double kHoldVelocity_Nm_s_per_rev = 1.0 / 6;
+constexpr double kHoldIntegral_Nm_per_rev = 1.0 / 3;
 constexpr std::uint32_t kPassthrough = 1;
 constexpr std::uint32_t kTorqueRamp = 6;
 constexpr double kTwoPi = 6.283185307179586;
@@ -147,14 +153,26 @@ void SimOdrive::receive_command(const hal::CanFrame& frame, std::uint32_t comman
             if (config_.generation != 6) break;
             gen6::RxSdo request;
             if (!decode(frame, request)) break;
-            if (config_.watchdog_endpoint == 0 || request.endpoint_id != config_.watchdog_endpoint) break;
-            if (request.opcode == gen6::SdoOpcode::write) {
-                config_.watchdog_enabled = (request.value & 0xFFU) != 0;
-                break;
-            }
+            const auto is = [&](std::int32_t endpoint) {
+                return endpoint != 0 && request.endpoint_id == endpoint;
+            };
             gen6::TxSdo answer;
             answer.endpoint_id = request.endpoint_id;
-            answer.value = config_.watchdog_enabled ? 1 : 0;
+            if (is(config_.watchdog_endpoint)) {
+                if (request.opcode == gen6::SdoOpcode::write) {
+                    config_.watchdog_enabled = (request.value & 0xFFU) != 0;
+                    break;
+                }
+                answer.value = config_.watchdog_enabled ? 1 : 0;
+            } else if (is(config_.watchdog_timeout_endpoint)) {
+                answer.value = std::bit_cast<std::uint32_t>(static_cast<float>(config_.watchdog_timeout_s));
+            } else if (is(config_.control_mode_endpoint)) {
+                answer.value = control_mode_;
+            } else if (is(config_.input_mode_endpoint)) {
+                answer.value = input_mode_;
+            } else {
+                break;
+            }
             send(answer, out);
             break;
         }
@@ -169,6 +187,7 @@ void SimOdrive::receive_command(const hal::CanFrame& frame, std::uint32_t comman
             if (!decode(frame, request)) break;
             control_mode_ = static_cast<std::uint32_t>(request.control_mode);
             input_mode_ = static_cast<std::uint32_t>(request.input_mode);
+            if (control_mode_ == kTorqueControl) hold_Nm_ = 0;
             break;
         }
         case gen6::SetInputVel::command: {
@@ -266,12 +285,17 @@ void SimOdrive::millisecond(double wheel_angle_rad, double wheel_speed_rad_per_s
         was_off_ = true;
         return;
     }
-    if (was_off_) power_cycle();
+    if (was_off_) {
+        power_cycle();
+        if (faults_.wakes_armed) arming_done_ns_ = now_ns;
+    }
     was_off_ = false;
     if (faults_.motor_unplugged) leave_closed_loop();
     if (arming_done_ns_ != 0 && now_ns >= arming_done_ns_) {
         axis_state_ = kClosedLoop;
         arming_done_ns_ = 0;
+        hold_counts_ = position_estimate_;
+        hold_integral_Nm_ = 0;
     }
     if (!plain_report_) {
         model::MeasurementLag::report_speed({config_.report_lag_s}, report_memory_, velocity_estimate_,
@@ -279,6 +303,7 @@ void SimOdrive::millisecond(double wheel_angle_rad, double wheel_speed_rad_per_s
     }
     check_watchdog(now_ns);
     if (armed()) {
+        if (control_mode_ != kTorqueControl) hold();
         extra_wheel_Nm_ = config_.torque_noise_Nm * random_.gaussian_fast();
         if (config_.torque_ripple_Nm != 0) {
             const double motor_turns = last_counts_ / config_.counts_per_turn;
@@ -294,6 +319,15 @@ void SimOdrive::check_watchdog(std::int64_t now_ns) {
     if (config_.generation == 6 && !armed()) return;
     if (static_cast<double>(now_ns - fed_ns_) <= 1e9 * config_.watchdog_timeout_s) return;
     raise_error(config_.generation == 5 ? 0x800U : 0x0100'0000U);
+}
+
+// The drive's position and velocity loops, in its milliseconds.
+void SimOdrive::hold() {
+    const double off_rev = (hold_counts_ - position_estimate_) / config_.counts_per_turn;
+    const double wanted = control_mode_ == kPositionControl ? kHoldPosition_per_s * off_rev : 0;
+    const double error = wanted - velocity_estimate_ / config_.counts_per_turn;
+    hold_Nm_ = kHoldVelocity_Nm_s_per_rev * error + hold_integral_Nm_;
+    hold_integral_Nm_ += 1e-3 * kHoldIntegral_Nm_per_rev * error;
 }
 
 void SimOdrive::reverse_encoder() {
@@ -371,8 +405,7 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
 void SimOdrive::retarget() {
     const bool passes = input_mode_ == kPassthrough || input_mode_ == kTorqueRamp;
     const double limit = config_.current_limit_A * config_.torque_constant_Nm_per_A;
-    const bool acts = armed() && control_mode_ == kTorqueControl && passes;
-    target_Nm_ = acts ? std::clamp(input_torque_Nm_, -limit, limit) : 0;
+    target_Nm_ = armed() && passes ? std::clamp(input_torque_Nm_ + hold_Nm_, -limit, limit) : 0;
 }
 
 double SimOdrive::torque_target_Nm() const { return wheel_per_motor_torque_ * motor_target_Nm(); }

@@ -5,8 +5,10 @@
 // What it has, pleasant or not:
 // - Axis states idle and closed loop. Closed loop is refused while an error stands, is entered after a short
 //   time, and uses whatever controller mode and input torque were set before: hence the arming order.
-// - A torque acts only in control mode "torque" with input "passthrough" or "torque ramp" (taken as
-//   passthrough); in the other control modes the simulated motor makes none.
+// - The input "passthrough" or "torque ramp" (taken as passthrough), else no torque. Control mode "torque":
+// the
+//   motor follows the set-point. "Velocity" and "position", the factory's: it holds still, or where it was
+//   armed, with the gains that the factory sets, and the torque set-point is added.
 // - The watchdog. 0.5: counts in every state, each frame to the node feeds it, remote requests too. 0.6:
 //   counts while armed; set-points and state requests feed it (the stricter reading where the manual is
 //   silent). When it runs out the error bit appears and the axis is idle: the wheel coasts.
@@ -58,8 +60,13 @@ struct SimOdriveConfig {
     std::int32_t voltage_period_ms = 0;
     bool watchdog_enabled = true;
     double watchdog_timeout_s = 0.05;
-    std::int32_t watchdog_endpoint = 0;  // 0.6: endpoint that tells watchdog_enabled; 0: no endpoint answers
-    double arming_time_s = 0.003;        // from the request to closed loop
+    // 0.6: the endpoints that tell watchdog_enabled, watchdog_timeout_s, control and input mode; 0: none
+    // answers
+    std::int32_t watchdog_endpoint = 0;
+    std::int32_t watchdog_timeout_endpoint = 0;
+    std::int32_t control_mode_endpoint = 0;
+    std::int32_t input_mode_endpoint = 0;
+    double arming_time_s = 0.003;  // from the request to closed loop
     double bus_voltage_V = 24;
     double clock_error_ppm = 0;  // the drive's milliseconds are longer by this much
     std::int64_t phase_ns = 0;   // of its first millisecond after the start
@@ -73,6 +80,7 @@ struct SimOdriveFaults {
     bool deaf = false;             // receives nothing
     bool frozen_encoder = false;   // counts do not change
     bool powered_off = false;      // mute, deaf and without torque; comes back idle, at position 0
+    bool wakes_armed = false;      // when switched on again: in closed loop, as it may be configured
     bool motor_unplugged = false;  // ODrive#700: closed loop is left, and no error appears in the heartbeat
 };
 
@@ -143,6 +151,7 @@ class SimOdrive {
     void millisecond(double wheel_angle_rad, double wheel_speed_rad_per_s, drivers::FrameSink& out);
     void read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_s);
     void check_watchdog(std::int64_t now_ns);
+    void hold();
     void send_cyclic(drivers::FrameSink& out) const;
     void send_heartbeat(drivers::FrameSink& out) const;
     void send_encoder(drivers::FrameSink& out) const;
@@ -168,6 +177,9 @@ class SimOdrive {
 
     // Torque, at the motor.
     double input_torque_Nm_ = 0;
+    double hold_Nm_ = 0;  // of the drive's own loops in the modes velocity and position
+    double hold_integral_Nm_ = 0;
+    double hold_counts_ = 0;      // where it was armed
     double target_Nm_ = 0;        // what input, mode and limit come to; retarget() after each change of them
     double motor_torque_Nm_ = 0;  // behind the lag
     double extra_wheel_Nm_ = 0;   // noise and ripple for this millisecond, at the wheel

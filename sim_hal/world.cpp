@@ -37,6 +37,9 @@ SimOdriveConfig sim_odrive_config(const model::RobotParameters& truth, const Wor
     c.watchdog_enabled = options.watchdog_enabled;
     c.watchdog_timeout_s = truth.drive.watchdog_timeout_s;
     c.watchdog_endpoint = truth.drive.watchdog_endpoint;
+    c.watchdog_timeout_endpoint = truth.drive.watchdog_timeout_endpoint;
+    c.control_mode_endpoint = truth.drive.control_mode_endpoint;
+    c.input_mode_endpoint = truth.drive.input_mode_endpoint;
     c.arming_time_s = options.arming_time_s;
     c.clock_error_ppm = options.clock_error_ppm[side];
     c.phase_ns = options.phase_ns[side] >= 0 ? options.phase_ns[side]

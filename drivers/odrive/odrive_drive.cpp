@@ -1,6 +1,7 @@
 #include "drivers/odrive/odrive_drive.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "drivers/odrive/odrive_0_5_messages.hpp"
@@ -21,6 +22,9 @@ constexpr auto kClosedLoop = static_cast<std::uint32_t>(gen6::AxisState::closed_
 constexpr std::int64_t kSettle_ns = 5'000'000;
 constexpr std::int64_t kAskAgain_ns = 20'000'000;
 constexpr std::int64_t kIdleAgain_ns = 50'000'000;
+// A drive's own set-point against what was asked of it: see the header.
+constexpr double kTorqueSlack = 0.1;
+constexpr int kWrongTorques = 2;
 
 constexpr std::uint32_t kSetInputPosition = 0x0C;  // never sent by this driver
 
@@ -101,19 +105,46 @@ OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel
     c.heartbeat_timeout_s = drive.heartbeat_timeout_s;
     c.arming_timeout_s = drive.arming_timeout_s;
     c.watchdog_assured = drive.watchdog_assured;
+    c.watchdog_timeout_s = drive.watchdog_timeout_s;
+    c.torque_limit_Nm = parameters.limits.torque_Nm;
     c.watchdog_endpoint = static_cast<std::uint16_t>(drive.watchdog_endpoint);
+    c.watchdog_timeout_endpoint = static_cast<std::uint16_t>(drive.watchdog_timeout_endpoint);
+    c.control_mode_endpoint = static_cast<std::uint16_t>(drive.control_mode_endpoint);
+    c.input_mode_endpoint = static_cast<std::uint16_t>(drive.input_mode_endpoint);
     return c;
 }
 
 // The arming sequence.
-const std::array<OdriveDrive::Step, 7> OdriveDrive::kArming{{
+const std::array<OdriveDrive::Step, 8> OdriveDrive::kArming{{
     {&OdriveDrive::is_not_idle, &OdriveDrive::send_idle, Wait::idle, false},
     {&OdriveDrive::watchdog_counts_while_idle, &OdriveDrive::send_zero_torque, Wait::fresh_heartbeats, true},
     {&OdriveDrive::reports_error, &OdriveDrive::send_clear_errors, Wait::next_cycle, false},
     {nullptr, &OdriveDrive::send_torque_mode, Wait::next_cycle, false},
     {nullptr, &OdriveDrive::send_zero_torque, Wait::next_cycle, true},
-    {&OdriveDrive::can_ask_watchdog, &OdriveDrive::send_watchdog_question, Wait::watchdog_reply, true},
+    {&OdriveDrive::can_ask_anything, &OdriveDrive::send_question, Wait::answers, true},
+    {&OdriveDrive::cannot_ask_mode, &OdriveDrive::send_torque_mode, Wait::next_cycle, true},
     {nullptr, &OdriveDrive::send_closed_loop, Wait::closed_loop, true},
+}};
+
+const std::array<OdriveDrive::Question, 4> OdriveDrive::kQuestions{{
+    {&OdriveConfig::watchdog_endpoint,
+     [](const OdriveConfig&, std::uint32_t value) { return (value & 0xFFU) != 0; }, false},
+    {&OdriveConfig::watchdog_timeout_endpoint,
+     [](const OdriveConfig& config, std::uint32_t value) {
+         const auto timeout_s = double{std::bit_cast<float>(value)};
+         return timeout_s > 0 && timeout_s <= config.watchdog_timeout_s * (1 + 1e-6);  // as a float rounds
+     },
+     false},
+    {&OdriveConfig::control_mode_endpoint,
+     [](const OdriveConfig&, std::uint32_t value) {
+         return (value & 0xFFU) == static_cast<std::uint32_t>(gen6::ControlMode::torque);
+     },
+     true},
+    {&OdriveConfig::input_mode_endpoint,
+     [](const OdriveConfig&, std::uint32_t value) {
+         return (value & 0xFFU) == static_cast<std::uint32_t>(gen6::InputMode::passthrough);
+     },
+     true},
 }};
 
 OdriveDrive::OdriveDrive(const OdriveConfig& config)
@@ -201,6 +232,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
             feedback_.torque_Nm =
                 double{iq.iq_measured_A} * config_.torque_constant_Nm_per_A * wheel_per_motor_torque_;
             feedback_.torque_time_ns = received.timestamp_ns;
+            judge_torque(double{iq.iq_setpoint_A} * config_.torque_constant_Nm_per_A);
             break;
         }
         case gen6::GetTorques::command: {
@@ -213,6 +245,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
             if (!decode(frame, torques)) break;
             feedback_.torque_Nm = double{torques.torque_estimate_Nm} * wheel_per_motor_torque_;
             feedback_.torque_time_ns = received.timestamp_ns;
+            judge_torque(double{torques.torque_target_Nm});
             break;
         }
         case gen6::GetBusVoltageCurrent::command: {
@@ -231,9 +264,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
             if (config_.generation != OdriveGeneration::v0_6) break;
             gen6::TxSdo answer;
             if (!decode(frame, answer)) break;
-            if (answer.endpoint_id != config_.watchdog_endpoint || asked_ns_ == 0) break;
-            watchdog_answered_ = true;
-            watchdog_on_ = (answer.value & 0xFFU) != 0;
+            take_answer(answer.endpoint_id, answer.value);
             break;
         }
         case gen6::SetAxisState::command:
@@ -322,6 +353,8 @@ void OdriveDrive::judge_heartbeat(std::int64_t time_ns) {
             if (time_ns > step_since_ns_ + kSettle_ns) end_arming(ArmRefusal::drive_error);
         } else if (axis_state_ == kClosedLoop) {
             phase_ = Phase::armed;
+            asked_ = {};
+            wrong_torques_ = 0;
         }
         return;
     }
@@ -399,7 +432,7 @@ void OdriveDrive::begin_arming() {
         refusal_ = ArmRefusal::drive_error;
         return;
     }
-    if (!config_.watchdog_assured && !can_ask_watchdog()) {
+    if (!config_.watchdog_assured && !can_ask(&OdriveConfig::watchdog_endpoint)) {
         refusal_ = ArmRefusal::watchdog_not_confirmed;
         return;
     }
@@ -409,19 +442,22 @@ void OdriveDrive::begin_arming() {
     step_ = 0;
     step_sent_ = false;
     feeding_ = false;
-    asked_ns_ = 0;
-    watchdog_answered_ = false;
+    question_ = 0;
+    wrong_answer_ = false;
+    next_question();
     arming_since_ns_ = now_ns_;
 }
 
 // At most one step in a cycle.
 void OdriveDrive::run_arming(FrameSink& out) {
     if (now_ns_ - arming_since_ns_ > arming_timeout_ns_) {
-        end_arming(kArming[step_].wait == Wait::watchdog_reply ? ArmRefusal::watchdog_not_confirmed
-                                                               : ArmRefusal::timed_out);
+        const bool unanswered = kArming[step_].wait == Wait::answers && can_ask_anything();
+        end_arming(!unanswered                     ? ArmRefusal::timed_out
+                   : kQuestions[question_].is_mode ? ArmRefusal::mode_not_confirmed
+                                                   : ArmRefusal::watchdog_not_confirmed);
         return;
     }
-    if (step_sent_ && kArming[step_].wait == Wait::watchdog_reply && watchdog_answered_ && !watchdog_on_) {
+    if (wrong_answer_ && !kQuestions[question_].is_mode) {
         end_arming(ArmRefusal::watchdog_not_confirmed);
         return;
     }
@@ -439,8 +475,9 @@ void OdriveDrive::run_arming(FrameSink& out) {
         feeding_ = kArming[step_].feed;
         return;
     }
-    if (kArming[step_].wait == Wait::watchdog_reply && now_ns_ - asked_ns_ > kAskAgain_ns) {
-        send_watchdog_question(out);
+    if (kArming[step_].wait == Wait::answers && (asked_ns_ == 0 || now_ns_ - asked_ns_ > kAskAgain_ns)) {
+        if (wrong_answer_) send_torque_mode(out);
+        send_question(out);
     }
     if (feeding_) send_zero_torque(out);
 }
@@ -454,8 +491,8 @@ bool OdriveDrive::step_is_done() const {
         case Wait::fresh_heartbeats:
             return feedback_.heartbeat_time_ns > step_since_ns_ + kSettle_ns &&
                    now_ns_ > step_since_ns_ + std::min(heartbeat_timeout_ns_, arming_timeout_ns_ / 2);
-        case Wait::watchdog_reply:
-            return watchdog_answered_ && watchdog_on_;
+        case Wait::answers:
+            return question_ == kQuestions.size();
         case Wait::closed_loop:
             return false;  // the heartbeat itself ends the arming
     }
@@ -513,7 +550,28 @@ void OdriveDrive::command_torque(double torque_Nm, FrameSink& out) {
         ++counters_.command_not_finite;
         motor_Nm = 0;
     }
+    Asked& now = asked_[0];
+    const double size_Nm = std::abs(motor_Nm);
+    now.most_Nm = std::max(now.most_Nm, size_Nm);
+    now.least_Nm = now.any ? std::min(now.least_Nm, size_Nm) : size_Nm;
+    now.any = true;
     send_motor_torque(motor_Nm, out);
+}
+
+// Against all that was asked since the report before the last one: some of it has not been obeyed by this
+// report.
+void OdriveDrive::judge_torque(double motor_torque_Nm) {
+    if (phase_ != Phase::armed) return;
+    const Asked now = asked_[0];
+    const Asked before = asked_[1];
+    asked_ = {Asked{}, now};
+    if (!now.any || !before.any) return;
+    const double slack_Nm = std::abs(kTorqueSlack * config_.torque_limit_Nm * motor_per_wheel_torque_);
+    const double size_Nm = std::abs(motor_torque_Nm);
+    const bool more = size_Nm > 2 * std::max(now.most_Nm, before.most_Nm) + slack_Nm;
+    const bool less = std::min(now.least_Nm, before.least_Nm) > 2 * slack_Nm && size_Nm < slack_Nm;
+    wrong_torques_ = more || less ? wrong_torques_ + 1 : 0;
+    if (wrong_torques_ >= kWrongTorques) fail(DriveFault::torque_not_followed);
 }
 
 // --- state
@@ -544,8 +602,28 @@ bool OdriveDrive::has_idle_error() const {
 
 bool OdriveDrive::is_not_idle() const { return axis_state_ != kIdle; }
 
-bool OdriveDrive::can_ask_watchdog() const {
-    return config_.generation == OdriveGeneration::v0_6 && config_.watchdog_endpoint != 0;
+bool OdriveDrive::can_ask(std::uint16_t OdriveConfig::*endpoint) const {
+    return config_.generation == OdriveGeneration::v0_6 && config_.*endpoint != 0;
+}
+
+bool OdriveDrive::can_ask_anything() const { return question_ < kQuestions.size(); }
+
+bool OdriveDrive::cannot_ask_mode() const { return !can_ask(&OdriveConfig::control_mode_endpoint); }
+
+// Leaves out what cannot be asked.
+void OdriveDrive::next_question() {
+    while (question_ < kQuestions.size() && !can_ask(kQuestions[question_].endpoint)) ++question_;
+    asked_ns_ = 0;
+}
+
+void OdriveDrive::take_answer(std::uint16_t endpoint, std::uint32_t value) {
+    if (phase_ != Phase::arming || asked_ns_ == 0 || question_ == kQuestions.size()) return;
+    const Question& question = kQuestions[question_];
+    if (endpoint != config_.*question.endpoint) return;
+    wrong_answer_ = !question.right(config_, value);
+    if (wrong_answer_) return;
+    ++question_;
+    next_question();
 }
 
 // --- frames to the drive
@@ -591,12 +669,13 @@ void OdriveDrive::send_motor_torque(double motor_torque_Nm, FrameSink& out) {
     send(torque, out);
 }
 
-void OdriveDrive::send_watchdog_question(FrameSink& out) {
+void OdriveDrive::send_question(FrameSink& out) {
     gen6::RxSdo question;
     question.opcode = gen6::SdoOpcode::read;
-    question.endpoint_id = config_.watchdog_endpoint;
+    question.endpoint_id = config_.*kQuestions[question_].endpoint;
     send(question, out);
     asked_ns_ = now_ns_;
+    wrong_answer_ = false;
 }
 
 void OdriveDrive::send_closed_loop(FrameSink& out) {

@@ -7,7 +7,11 @@
 //   both axes of such a board, finds no error that nobody has seen;
 // - Clear_Errors if the watchdog's error is reported;
 // - Set_Controller_Mode(torque, passthrough), Set_Input_Torque(0);
-// - 0.6 with a known endpoint: read enable_watchdog, and go on only when the drive says it is on;
+// - 0.6: read back what has a known endpoint, one after the other, and go on only with the right answers:
+//   enable_watchdog (on), watchdog_timeout (not longer than the robot file says), control_mode and input_mode
+//   (as just set; else they are set and read again, until the arming's time-out);
+// - where the modes cannot be read (0.5 has no message for them): Set_Controller_Mode once more, in case one
+// is lost;
 // - Set_Axis_State(closed loop), and a heartbeat younger than that request that shows closed loop, no error.
 // Arming is refused at once when the watchdog can neither be read (0.6, endpoint known) nor is vouched for
 // (watchdog_assured). Where the drive can be read, its answer decides.
@@ -16,9 +20,13 @@
 // heartbeat that says what is left.
 //
 // Faults while armed, each latched until the next arming or clearing: an error in the heartbeat, an axis
-// state that leaves closed loop even without an error (ODrive#700), no heartbeat. The axis is then told to go
-// idle, until it says it is. An idle axis whose only error is the expired watchdog counts as idle: so looks a
-// 0.5 drive whose watchdog is on and that nobody feeds, and one of 0.6 whose computer has died.
+// state that leaves closed loop even without an error (ODrive#700), no heartbeat, and two torque reports in a
+// row whose set-point is not what was asked: so looks a drive in another mode, in both generations, once its
+// wheel should turn. Only sizes are compared, as the current of a 0.5 drive has a sign of its own; by a
+// factor of two, as nobody has calibrated the constants; and beyond a tenth of the torque limit. The axis is
+// then told to go idle, until it says it is. An idle axis whose only error is the expired watchdog counts as
+// idle: so looks a 0.5 drive whose watchdog is on and that nobody feeds, and one of 0.6 whose computer has
+// died.
 //
 // An axis that is in closed loop although this driver has not asked for it is a fault, and told to go idle.
 // So is somebody else's set-point, or request for another state than idle: counted as foreign_control.
@@ -56,7 +64,11 @@ struct OdriveConfig {
     double heartbeat_timeout_s = 0.35;
     double arming_timeout_s = 2;
     bool watchdog_assured = false;
-    std::uint16_t watchdog_endpoint = 0;  // 0: unknown
+    double watchdog_timeout_s = 0.05;  // the longest that is accepted
+    double torque_limit_Nm = 1;        // at the wheel
+    // 0: unknown
+    std::uint16_t watchdog_endpoint = 0, watchdog_timeout_endpoint = 0, control_mode_endpoint = 0,
+                  input_mode_endpoint = 0;
 };
 
 // What the robot file says about one wheel's drive.
@@ -94,14 +106,21 @@ class OdriveDrive final : public MotorDrive {
   private:
     enum class Phase : std::uint8_t { resting, arming, armed };
     // What a step of the arming waits for before the next one may begin.
-    enum class Wait : std::uint8_t { next_cycle, idle, fresh_heartbeats, watchdog_reply, closed_loop };
+    enum class Wait : std::uint8_t { next_cycle, idle, fresh_heartbeats, answers, closed_loop };
+    // A value of the drive that is read back while arming.
+    struct Question {
+        std::uint16_t OdriveConfig::*endpoint;
+        bool (*right)(const OdriveConfig& config, std::uint32_t value);
+        bool is_mode;  // otherwise of the watchdog
+    };
+    static const std::array<Question, 4> kQuestions;
     struct Step {
         bool (OdriveDrive::*applies)() const;  // null: always
         void (OdriveDrive::*send)(FrameSink&);
         Wait wait;
         bool feed;  // from here on zero torque goes out in every cycle
     };
-    static const std::array<Step, 7> kArming;
+    static const std::array<Step, 8> kArming;
 
     template <typename Message>
     bool decode(const hal::CanFrame& frame, Message& message);
@@ -111,12 +130,17 @@ class OdriveDrive final : public MotorDrive {
     bool is_not_idle() const;
     bool watchdog_counts_while_idle() const { return config_.generation == OdriveGeneration::v0_5; }
     bool reports_error() const { return feedback_.error_bits != 0; }
-    bool can_ask_watchdog() const;
+    bool can_ask(std::uint16_t OdriveConfig::*endpoint) const;
+    bool can_ask_anything() const;
+    bool cannot_ask_mode() const;
+    void next_question();
+    void take_answer(std::uint16_t endpoint, std::uint32_t value);
+    void judge_torque(double motor_torque_Nm);
     void send_idle(FrameSink& out);
     void send_clear_errors(FrameSink& out);
     void send_torque_mode(FrameSink& out);
     void send_zero_torque(FrameSink& out);
-    void send_watchdog_question(FrameSink& out);
+    void send_question(FrameSink& out);
     void send_closed_loop(FrameSink& out);
     void send_motor_torque(double motor_torque_Nm, FrameSink& out);
 
@@ -170,8 +194,16 @@ class OdriveDrive final : public MotorDrive {
     std::int64_t arming_since_ns_ = 0;
     std::int64_t step_since_ns_ = 0;
     std::int64_t asked_ns_ = 0;
-    bool watchdog_answered_ = false;
-    bool watchdog_on_ = false;
+    std::size_t question_ = 0;   // the next of kQuestions; their number when all are answered
+    bool wrong_answer_ = false;  // to it
+    // Sizes of the torques asked, at the motor: since the last torque report and between that and the one
+    // before.
+    struct Asked {
+        double least_Nm = 0, most_Nm = 0;
+        bool any = false;
+    };
+    std::array<Asked, 2> asked_{};
+    int wrong_torques_ = 0;  // reports in a row
 
     bool to_idle_ = false;  // the axis has been told to go idle and has not said that it did
     bool idle_sent_ = false;

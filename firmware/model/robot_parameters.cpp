@@ -54,6 +54,9 @@ const std::array kTable{
     WW_REAL(0x0036, drive.watchdog_timeout_s, "s", 0.05, 0.002, 2.0, start, "time after which the drive stops by itself when no command comes"),
     WW_BOOLEAN(0x0037, drive.watchdog_assured, 0, start, "the operator has checked that the drives' watchdog is on; needed where the drive cannot be asked"),
     WW_INTEGER(0x0038, drive.watchdog_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.config.enable_watchdog; 0: unknown"),
+    WW_INTEGER(0x0039, drive.watchdog_timeout_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.config.watchdog_timeout; 0: unknown"),
+    WW_INTEGER(0x003A, drive.control_mode_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.controller.config.control_mode; 0: unknown"),
+    WW_INTEGER(0x003B, drive.input_mode_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.controller.config.input_mode; 0: unknown"),
 
     WW_INTEGER(0x0040, drive.left.node, "", 1, 0, 62, start, "CAN node of the left drive"),
     WW_INTEGER(0x0041, drive.left.sign, "", 1, -1, 1, start, "1 or -1: direction of the left motor"),
@@ -78,6 +81,7 @@ const std::array kTable{
     WW_REAL(0x0063, safety.over_yaw_rate_rad_per_s, "rad/s", 14.0, 0.02, 80.0, start, "measured yaw rate that is a fault"),
     WW_REAL(0x0064, safety.clear_speed_m_per_s, "m/s", 0.05, 0.001, 1.0, start, "a fault clears only below this measured wheel rim speed"),
     WW_REAL(0x0065, safety.ramp_timeout_s, "s", 0.0, 0.01, 60.0, start, "a braking ramp that takes longer becomes coasting; auto: twice what half of the torque needs from the speed limits, and 0.5 s"),
+    WW_REAL(0x0066, safety.host_timeout_s, "s", 0.4, 0.0, 0.49, start, "identification and the firmware's own paths stop when no frame of the host but ExternalPose came for this long (HostAlive is one that says nothing else); 0: not asked for"),
     WW_CHOICE(0x0068, safety.stale_command_reaction, kReactions, 0, start, "what a stale set-point does"),
     WW_CHOICE(0x0069, safety.over_speed_reaction, kReactions, 0, start, "what excess speed does"),
     WW_CHOICE(0x006A, safety.emergency_stop_reaction, kReactions, 0, start, "what the emergency stop does"),

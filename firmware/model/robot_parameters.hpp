@@ -48,7 +48,9 @@ struct RobotParameters {
         std::int32_t heartbeat_period_ms, encoder_period_ms, torque_period_ms;
         double heartbeat_timeout_s, arming_timeout_s, watchdog_timeout_s;
         bool watchdog_assured;  // the operator vouches for the watchdog (generation 0.5 cannot be asked)
-        std::int32_t watchdog_endpoint;  // 0.6: endpoint of axis0.config.enable_watchdog; 0: unknown
+        // 0.6: endpoints of axis0.config.enable_watchdog, .watchdog_timeout,
+        // axis0.controller.config.control_mode, .input_mode; 0: unknown
+        std::int32_t watchdog_endpoint, watchdog_timeout_endpoint, control_mode_endpoint, input_mode_endpoint;
         DriveParameters left, right;
     } drive{};
     struct {
@@ -59,7 +61,8 @@ struct RobotParameters {
         std::int32_t in_a_row, per_second;
     } overrun_fault{};
     struct {
-        double stale_feedback_s, stale_command_cycles, over_speed_m_per_s, over_yaw_rate_rad_per_s;
+        double stale_feedback_s, stale_command_cycles, host_timeout_s, over_speed_m_per_s,
+            over_yaw_rate_rad_per_s;
         double clear_speed_m_per_s, ramp_timeout_s;
         StopReaction stale_command_reaction, over_speed_reaction, emergency_stop_reaction, overrun_reaction,
             terminate_reaction;

@@ -19,10 +19,12 @@ inline constexpr std::size_t kModeCount = protocol::mode_values.size();
 
 // What is true in this cycle. The cycle fills it from measurements; nothing in it is latched.
 struct Conditions {
-    bool feedback_stale = false;         // encoder feedback of a wheel is older than its limit
-    bool encoder_implausible = false;    // a wheel's angle stands still though the wheel must have turned
-    bool command_stale = false;          // the active mode's set-point was not repeated in time
-    bool drive_error = false;            // a drive reports an error
+    bool feedback_stale = false;       // encoder feedback of a wheel is older than its limit
+    bool encoder_implausible = false;  // a wheel's angle stands still though the wheel must have turned
+    bool command_stale = false;  // the active mode's set-point was not repeated in time, or the host is gone
+    bool drive_error = false;    // a drive reports an error
+    bool torque_not_followed = false;    // a drive reports another torque set-point than it was given
+    bool drive_enable_failed = false;    // the drive-enable line cannot be written
     bool foreign_control = false;        // somebody else arms a drive or gives it set-points
     bool drive_silent = false;           // a drive's heartbeat is overdue
     bool drives_armed = false;           // both drives follow torque commands
@@ -30,6 +32,7 @@ struct Conditions {
     bool drive_disarmed_itself = false;  // a drive that was armed has left that state unasked
     bool arming_refused = false;         // a drive would not arm
     bool watchdog_confirmed = false;     // both drives' own watchdogs are known to be on
+    bool control_mode_confirmed = true;  // neither drive has said that it is not in torque mode
     bool over_speed = false;
     bool stop_line_active = false;  // also when the line cannot be read
     bool stop_message = false;      // an emergency-stop message came in this cycle
@@ -51,8 +54,16 @@ enum class From : std::uint8_t { nowhere, idle, idle_or_driving };
 // What gives the torque while a mode drives.
 enum class Law : std::uint8_t { none, torque, excitation, velocity, pose, path };
 
-// What the host must go on sending while a mode drives, once it has begun.
-enum class Setpoint : std::uint8_t { none, torque, velocity, goal, stream };  // stream: if the path is one
+// What the host must go on sending while a mode drives: a set-point, once it has begun; or anything, where
+// the robot drives by itself.
+enum class Setpoint : std::uint8_t {
+    none,
+    torque,
+    velocity,
+    goal,
+    stream,  // if the path is one, else anything
+    anything
+};
 
 // What must be true to enter a mode: bits for kEntryRules and kArmedRules.
 using Needs = std::uint8_t;
@@ -72,7 +83,7 @@ inline constexpr std::array kModes{
     ModeRule{Mode::boot, From::nowhere, kNothing, Law::none, Setpoint::none, false},
     ModeRule{Mode::idle, From::idle_or_driving, kNothing, Law::none, Setpoint::none, false},
     ModeRule{Mode::torque, From::idle_or_driving, kDrives, Law::torque, Setpoint::torque, false},
-    ModeRule{Mode::ident, From::idle, kDrives | kRest, Law::excitation, Setpoint::none, false},
+    ModeRule{Mode::ident, From::idle, kDrives | kRest, Law::excitation, Setpoint::anything, false},
     ModeRule{Mode::velocity, From::idle_or_driving, kDrives | kLoops, Law::velocity, Setpoint::velocity,
              false},
     ModeRule{Mode::pose, From::idle_or_driving, kDrives | kLoops, Law::pose, Setpoint::goal, false},
@@ -133,7 +144,11 @@ inline constexpr std::array kFaultRules{
               &StopChoices::emergency_stop_ramps, true},
     FaultRule{&Conditions::not_finite, true, kDriving, Fault::internal_error, kCoast},
     FaultRule{&Conditions::bus_down, true, kDriving, Fault::bus_down, kCoast},
+    // After a stall of this computer all else is old, and the drives have stopped by themselves.
+    FaultRule{&Conditions::overrun, true, kDriving, Fault::cycle_overrun, &StopChoices::overrun_ramps},
     FaultRule{&Conditions::foreign_control, true, kDriving | kIdle, Fault::foreign_control, kCoast},
+    FaultRule{&Conditions::drive_enable_failed, true, kDriving, Fault::drive_enable_failed, kCoast},
+    FaultRule{&Conditions::torque_not_followed, true, kDriving, Fault::torque_not_followed, kCoast},
     FaultRule{&Conditions::drive_error, true, kDriving, Fault::drive_error, kCoast},
     FaultRule{&Conditions::drive_silent, true, kDriving, Fault::drive_silent, kCoast},
     FaultRule{&Conditions::drive_disarmed_itself, true, kDriving, Fault::drive_left_armed_state, kCoast},
@@ -141,7 +156,6 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::feedback_stale, true, kDriving, Fault::stale_feedback, kCoast},
     FaultRule{&Conditions::encoder_implausible, true, kDriving, Fault::encoder_implausible, kCoast},
     FaultRule{&Conditions::over_speed, true, kDriving, Fault::over_speed, &StopChoices::over_speed_ramps},
-    FaultRule{&Conditions::overrun, true, kDriving, Fault::cycle_overrun, &StopChoices::overrun_ramps},
     FaultRule{&Conditions::command_stale, true, kSetpointModes, Fault::stale_command,
               &StopChoices::stale_command_ramps},
     FaultRule{&Conditions::terminate, true, kDriving, Fault::terminated, &StopChoices::terminate_ramps},
@@ -209,6 +223,7 @@ inline constexpr std::array kArmedRules{
 // Why drives would not arm; else drives_not_armed.
 inline constexpr std::array kArmingFailures{
     Requirement{kDrives, &Conditions::watchdog_confirmed, true, Blocker::watchdog_not_confirmed},
+    Requirement{kDrives, &Conditions::control_mode_confirmed, true, Blocker::control_mode_not_confirmed},
     Requirement{kDrives, &Conditions::drive_error, false, Blocker::drive_error},
 };
 

@@ -109,7 +109,7 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
         if (from_host) {
             host_.accept(received);
         } else {
-            host_.accept_stop(received.frame);
+            host_.accept_anywhere(received.frame);
         }
     }
 }
@@ -125,9 +125,12 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     const supervisor::ModeRule& mode = supervisor::rule_of(supervisor_.mode());
     supervisor::Conditions told;
     told.encoder_implausible = encoder_implausible(seen);
-    const bool streams = mode.setpoint != supervisor::Setpoint::stream || control_.streamed();
-    told.command_stale =
-        streams && late(host_, mode.setpoint, seen.now_ns, parameters_.safety.stale_command_cycles);
+    const bool alone = mode.setpoint == supervisor::Setpoint::anything ||
+                       (mode.setpoint == supervisor::Setpoint::stream && !control_.streamed());
+    const auto& safety = parameters_.safety;
+    told.command_stale = alone ? host_gone(host_, seen.now_ns, safety.host_timeout_s)
+                               : late(host_, mode.setpoint, seen.now_ns, safety.stale_command_cycles);
+    told.drive_enable_failed = enable_failed_;
     told.path_known = !control_.pace().running();
     told.stop_line_active =
         ports_.emergency_stop != nullptr && ports_.emergency_stop->read() != hal::LineLevel::inactive;
@@ -141,7 +144,7 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     told.mode_finished = identifying() && learning_.identification_finished();
     return judge_.judge({seen, DriveSight::of(ports_.left), DriveSight::of(ports_.right),
                          control_.plant().geometry.wheel_radius_m, supervisor_.wants_armed(),
-                         supervisor_.ramping(), told});
+                         supervisor_.ramping(), host_.counter(HostLink::Cause::foreign_control), told});
 }
 
 // The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
@@ -183,7 +186,7 @@ void Cycle::command_drives(const supervisor::Verdict& verdict) {
     if (verdict.clear_drive_errors) both(&drivers::MotorDrive::request_clear_errors);
     if (verdict.order == supervisor::DriveOrder::arm) both(&drivers::MotorDrive::request_arm);
     if (verdict.order == supervisor::DriveOrder::disarm) both(&drivers::MotorDrive::request_disarm);
-    if (ports_.drive_enable != nullptr) ports_.drive_enable->write(verdict.armed);
+    enable_failed_ = ports_.drive_enable != nullptr && !ports_.drive_enable->write(verdict.armed);
     if (!conditions_.terminate || verdict.armed) return;
     const auto asleep = [](const drivers::MotorDrive& drive) {
         return drive.state() != DriveState::armed && drive.state() != DriveState::arming;
@@ -271,14 +274,22 @@ void Cycle::send(std::int64_t) {
     ports_.right.command_torque(output_.torque_Nm.right, torques_);
     senses_.torque_sent(output_.torque_Nm);
     const std::uint32_t refused = send_refused_;
-    for (const hal::CanFrame& frame : torques_.frames()) transmit(ports_.drive_bus, frame, drive_meter_);
+    for (const hal::CanFrame& frame : torques_.frames()) {
+        // On a jammed bus one torque for each drive may grow old, not a queue of them.
+        if (ports_.drive_bus.waits(frame.id)) {
+            ++send_refused_;
+        } else {
+            transmit(ports_.drive_bus, frame, drive_meter_);
+        }
+    }
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
     for (const hal::CanFrame& frame : outbox_.frames()) {
         if (transmit(ports_.drive_bus, frame, drive_meter_)) continue;
         if (!ports_.left.refused(frame)) ports_.right.refused(frame);
     }
 
-    const Telemetry::Turn turn = long_cycle_ ? Telemetry::Turn{} : telemetry_.next(cycle_);
+    const bool jammed = refused_torques_ > 0 && ports_.host_bus == nullptr;
+    const Telemetry::Turn turn = long_cycle_ || jammed ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
     hal::CanFrame frame;
     if (telemetry_.build(turn, report_, frame)) {

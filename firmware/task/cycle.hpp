@@ -148,6 +148,7 @@ class Cycle {
     std::int64_t send_phase_ns_;
     MotionOutput output_;
     bool overran_ = false;
+    bool enable_failed_ = false;
     bool model_known_ = false;
     bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
     bool bus_lost_ = false;

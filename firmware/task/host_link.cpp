@@ -13,16 +13,26 @@ bool HostLink::take(const hal::ReceivedFrame& received, Message& out) {
         return false;
     }
     const protocol::CodecStatus status = Message::decode(bytes, out);
-    if (status == protocol::CodecStatus::ok) return true;
+    if (status == protocol::CodecStatus::ok) {
+        if (Message::id != protocol::ExternalPose::id) heard_ns_ = received.timestamp_ns;
+        return true;
+    }
     count(protocol::rejection_cause(status, received.frame.id));
     return false;
 }
 
-bool HostLink::accept_stop(const hal::CanFrame& frame) {
-    if (frame.id != protocol::EmergencyStop::id || frame.extended || frame.remote || frame.error)
-        return false;
-    events_.stop = true;
-    return true;
+bool HostLink::accept_anywhere(const hal::CanFrame& frame) {
+    if (frame.extended || frame.remote || frame.error) return false;
+    switch (frame.id) {
+        case protocol::EmergencyStop::id:
+            events_.stop = true;  // whatever its length: nothing may talk us out of a stop
+            return true;
+        case protocol::Status::id:
+            count(Cause::foreign_control);
+            return true;
+        default:
+            return false;
+    }
 }
 
 bool HostLink::accept(const hal::ReceivedFrame& received) {
@@ -30,9 +40,6 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
     if (frame.extended || frame.remote || frame.error) return false;
     const std::int64_t time_ns = received.timestamp_ns;
     switch (frame.id) {
-        case protocol::EmergencyStop::id:
-            events_.stop = true;  // whatever its length: nothing may talk us out of a stop
-            return true;
         case protocol::ModeCommand::id: {
             protocol::ModeCommand command;
             if (take(received, command)) events_.mode = command.mode;
@@ -117,8 +124,13 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
             if (take(received, command)) events_.clear_fault = true;
             return true;
         }
+        case protocol::HostAlive::id: {
+            protocol::HostAlive sign;
+            take(received, sign);
+            return true;
+        }
         default:
-            return false;
+            return accept_anywhere(frame);
     }
 }
 

@@ -61,13 +61,18 @@ class HostLink {
     // Offers one received frame; true when its identifier is one of the firmware's commands.
     bool accept(const hal::ReceivedFrame& received);
 
-    // A stop, from wherever it comes; true when the frame is one.
-    bool accept_stop(const hal::CanFrame& frame);
+    // What is heard wherever it comes from; true when the frame is one of these: a stop, and the Status of
+    // another firmware (counted as foreign_control), as nobody receives what he sends himself.
+    bool accept_anywhere(const hal::CanFrame& frame);
 
     // Forgets the events of the cycle before.
     void begin_cycle() { events_ = {}; }
 
     const HostEvents& events() const { return events_; }
+
+    // When the last frame of the host came that was accepted; 0: none yet. A pose does not count: a camera
+    // may send it that knows nothing of the host.
+    std::int64_t heard_ns() const { return heard_ns_; }
 
     Setpoint<WheelPair<double>> torque_Nm;
     Setpoint<Twist<double>> velocity;
@@ -86,6 +91,7 @@ class HostLink {
     bool take(const hal::ReceivedFrame& received, Message& out);
 
     HostEvents events_;
+    std::int64_t heard_ns_ = 0;
     std::array<std::uint32_t, protocol::counter_cause_values.size()> counters_{};
     protocol::CommandGuard guard_;
     // A streamed pose waits for the velocities with the same alive counter.

@@ -46,16 +46,20 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     c.feedback_stale = stale(left.encoder_time_ns, now_ns, safety.stale_feedback_s) ||
                        stale(right.encoder_time_ns, now_ns, safety.stale_feedback_s);
     if (c.feedback_stale) ++stale_feedback_cycles_;
-    const std::uint32_t foreign = left.foreign_control + right.foreign_control;
+    const std::uint32_t foreign = left.foreign_control + right.foreign_control + evidence.strangers;
     c.foreign_control = foreign != foreign_control_;
     foreign_control_ = foreign;
     c.drive_disarmed_itself = either(&DriveSight::fault, DriveFault::left_armed);
-    c.drive_error = either(&DriveSight::state, DriveState::fault) && !c.drive_disarmed_itself;
+    const bool other_torque = either(&DriveSight::fault, DriveFault::torque_not_followed);
+    c.torque_not_followed = other_torque && evidence.wants_armed;
+    c.drive_error =
+        either(&DriveSight::state, DriveState::fault) && !c.drive_disarmed_itself && !other_torque;
     c.drive_silent = either(&DriveSight::state, DriveState::silent);
     c.drives_armed = left.state == DriveState::armed && right.state == DriveState::armed;
     c.arming_refused =
         evidence.wants_armed && (left.refusal != ArmRefusal::none || right.refusal != ArmRefusal::none);
     c.watchdog_confirmed = !either(&DriveSight::refusal, ArmRefusal::watchdog_not_confirmed);
+    c.control_mode_confirmed = !either(&DriveSight::refusal, ArmRefusal::mode_not_confirmed);
 
     // Written so that what is no number counts as dangerous.
     const model::Motion<double>& motion = evidence.seen.motion;

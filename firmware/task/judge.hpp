@@ -35,6 +35,7 @@ struct Evidence {
     const WheelPair<double>& wheel_radius_m;
     bool wants_armed = false;            // the drives, as the cycle before left it
     bool braking = false;                // the same
+    std::uint32_t strangers = 0;         // frames of another firmware, counted so far
     const supervisor::Conditions& told;  // what needs no judging
 };
 
@@ -53,7 +54,9 @@ class Judge {
     supervisor::Conditions judge(const Evidence& evidence);
 
     std::uint32_t stale_feedback_cycles() const { return stale_feedback_cycles_; }
-    std::uint32_t foreign_control() const { return foreign_control_; }  // counted by both drives
+    std::uint32_t foreign_control() const {
+        return foreign_control_;
+    }  // counted by both drives and the host link
 
   private:
     const model::RobotParameters& parameters_;

@@ -22,6 +22,7 @@ bool with_setpoint(Link& host, supervisor::Setpoint which, Look look) {
         case supervisor::Setpoint::stream:
             return look(host.streamed, protocol::StreamedPose::cycle_time_ms);
         case supervisor::Setpoint::none:
+        case supervisor::Setpoint::anything:
             break;
     }
     return false;
@@ -32,6 +33,11 @@ inline bool late(const HostLink& host, supervisor::Setpoint which, std::int64_t 
     return with_setpoint(host, which, [&](const auto& setpoint, double cycle_time_ms) {
         return setpoint.received && stale(setpoint.time_ns, now_ns, 1e-3 * cycle_time_ms * cycles);
     });
+}
+
+// Where no set-point is asked for, somebody must be there all the same. A limit of 0: nobody need be.
+inline bool host_gone(const HostLink& host, std::int64_t now_ns, double limit_s) {
+    return limit_s > 0 && stale(host.heard_ns(), now_ns, limit_s);
 }
 
 // Between driving modes: what has stopped coming does not act in the next mode, not for one cycle.

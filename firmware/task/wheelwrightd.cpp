@@ -71,10 +71,10 @@ int fail(int status, const std::string& message) {
     return status;
 }
 
-// Only the drives' frames and our commands reach the cycle.
+// Only the drives' frames, our commands, and what another firmware would say reach the cycle.
 bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, bool drives, bool host) {
     constexpr std::uint32_t kNodeMask = 0x7E0;
-    std::array<hal::CanFilter, 3> filters;
+    std::array<hal::CanFilter, 4> filters;
     std::size_t count = 0;
     if (drives) {
         filters[count++] = {static_cast<std::uint32_t>(parameters.drive.left.node) << 5, kNodeMask, false};
@@ -85,7 +85,29 @@ bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, boo
     } else {
         filters[count++] = {protocol::EmergencyStop::id, 0x7FF, false};  // a stop may come from anywhere
     }
+    filters[count++] = {protocol::Status::id, 0x7FF, false};
     return bus.set_filters({filters.data(), count});
+}
+
+// Whether a firmware speaks there already: listens for a few of its Status frames' periods.
+bool is_taken(hal::CanBus& bus, hal::Clock& clock) {
+    constexpr std::int64_t kListen_ns = 5 * std::int64_t{protocol::Status::cycle_time_ms} * 1'000'000;
+    const std::int64_t end_ns = clock.now_ns() + kListen_ns;
+    hal::ReceivedFrame received;
+    while (clock.now_ns() < end_ns) {
+        while (bus.receive(received) == hal::CanStatus::ok) {
+            const hal::CanFrame& frame = received.frame;
+            if (frame.id == protocol::Status::id && !frame.extended && !frame.remote && !frame.error)
+                return true;
+        }
+        clock.sleep_until_ns(clock.now_ns() + 1'000'000);
+    }
+    return false;
+}
+
+std::string taken_text(const std::string& interface) {
+    return "another wheelwrightd drives a robot on " + interface +
+           " (its Status frames, 0x620, are heard); end it first, or give this one another interface";
 }
 
 void print_duration(const char* name, const task::DurationHistogram& h) {
@@ -148,6 +170,9 @@ int run(const Options& options) {
         set_filters(*host_bus, parameters, false, true);
     }
     set_filters(*drive_bus.value(), parameters, true, shared);
+    hal::MonotonicClock clock;
+    if (is_taken(*drive_bus.value(), clock)) return fail(kUsage, taken_text(options.can));
+    if (host_bus && is_taken(*host_bus, clock)) return fail(kUsage, taken_text(options.host_can));
 
     std::unique_ptr<hal::DigitalInput> stop_line;
     std::unique_ptr<hal::DigitalOutput> enable_line;
@@ -204,7 +229,6 @@ int run(const Options& options) {
     block_signals(false);
     std::printf("wheelwrightd: running on %s\n", options.can.c_str());
     std::fflush(stdout);
-    hal::MonotonicClock clock;
     task::run_cycles(*cycle, clock, *statistics,
                      static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s));
     running_cycle = nullptr;

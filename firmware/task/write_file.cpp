@@ -111,11 +111,13 @@ std::string write_whole_file(const std::string& path, std::string_view text) {
 
 std::string read_whole_file(const std::string& path, std::string& text) {
     text.clear();
-    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC));
+    // A pipe would make this wait until somebody writes into it, which may be never.
+    const Descriptor file(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK));
     if (!file.valid()) return "cannot open: " + system_text(errno);
     struct stat about {};
     if (::fstat(file.get(), &about) != 0) return "cannot read: " + system_text(errno);
     if (S_ISDIR(about.st_mode)) return "is a directory";
+    if (!S_ISREG(about.st_mode)) return "is a pipe or a device, expected a file on a disk";
     std::array<char, 65536> buffer{};
     for (;;) {
         const ssize_t got = ::read(file.get(), buffer.data(), buffer.size());

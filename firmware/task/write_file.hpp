@@ -12,7 +12,8 @@ namespace wheelwright::task {
 // when done, else one sentence saying what failed; the old file is then untouched.
 std::string write_whole_file(const std::string& path, std::string_view text);
 
-// Reads a file of at most 16 MiB. Returns "" when done, else one sentence saying what failed.
+// Reads a regular file of at most 16 MiB; does not wait for anybody. Returns "" when done, else one sentence
+// saying what failed.
 std::string read_whole_file(const std::string& path, std::string& text);
 
 }  // namespace wheelwright::task

@@ -126,6 +126,7 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
         set_option(socket.get(), SOL_SOCKET, SO_RCVBUF, options.receive_buffer_bytes);
     }
     set_option(socket.get(), SOL_SOCKET, SO_SNDBUF, options.send_buffer_bytes);
+    const bool confirms = set_option(socket.get(), SOL_CAN_RAW, CAN_RAW_RECV_OWN_MSGS, int{1});
     const bool fd_frames = fd_interface && set_option(socket.get(), SOL_CAN_RAW, CAN_RAW_FD_FRAMES, int{1});
 
     sockaddr_can address{};
@@ -137,6 +138,7 @@ Result<std::unique_ptr<SocketCanBus>> SocketCanBus::open(const std::string& inte
     }
     std::unique_ptr<SocketCanBus> bus(new SocketCanBus(socket.release()));
     bus->fd_frames_ = fd_frames;
+    bus->confirms_ = confirms;
     bus->realtime_offset_ns_ = realtime_offset_ns();
     return bus;
 }
@@ -175,7 +177,9 @@ CanStatus SocketCanBus::send(const CanFrame& frame) {
         do {
             written = ::send(socket_, &raw, size, MSG_DONTWAIT | MSG_NOSIGNAL);
         } while (written < 0 && errno == EINTR);
-        if (written < 0) {
+        if (written >= 0) {
+            note_sent(raw.can_id);
+        } else {
             switch (errno) {
                 case ENOBUFS:  // the interface's queue is full
                 case EAGAIN:   // the socket's share of it is
@@ -199,6 +203,37 @@ CanStatus SocketCanBus::send(const CanFrame& frame) {
         ++statistics_.send_refused;
     }
     return status;
+}
+
+void SocketCanBus::note_sent(std::uint32_t raw_id) {
+    bool confirmed = confirms_ && accept_all_;
+    for (std::size_t i = 0; confirms_ && !confirmed && i < filter_count_; ++i) {
+        confirmed = ((raw_id ^ filters_[i].can_id) & filters_[i].can_mask) == 0;
+    }
+    if (!confirmed) return;
+    if (unconfirmed_count_ == unconfirmed_.size()) {
+        unconfirmed_first_ = (unconfirmed_first_ + 1) % unconfirmed_.size();
+        --unconfirmed_count_;
+    }
+    unconfirmed_[(unconfirmed_first_ + unconfirmed_count_++) % unconfirmed_.size()] = raw_id;
+}
+
+// Those sent before it have left as well, or never will.
+void SocketCanBus::note_confirmed(std::uint32_t raw_id) {
+    for (std::size_t i = 0; i < unconfirmed_count_; ++i) {
+        const std::size_t at = (unconfirmed_first_ + i) % unconfirmed_.size();
+        if (unconfirmed_[at] != raw_id) continue;
+        unconfirmed_first_ = (at + 1) % unconfirmed_.size();
+        unconfirmed_count_ -= i + 1;
+        return;
+    }
+}
+
+bool SocketCanBus::waits(std::uint32_t id) const {
+    for (std::size_t i = 0; i < unconfirmed_count_; ++i) {
+        if (unconfirmed_[(unconfirmed_first_ + i) % unconfirmed_.size()] == id) return true;
+    }
+    return false;
 }
 
 // Many frames in one system call: it costs more than all that is done with a frame.
@@ -225,9 +260,13 @@ bool SocketCanBus::take_waiting() {
 }
 
 CanStatus SocketCanBus::receive(ReceivedFrame& out) {
-    if (next_ == waiting_ && !take_waiting()) {
-        clocks_read_ = false;
-        return down_ || bus_off_ ? CanStatus::bus_down : CanStatus::would_block;
+    for (;; ++next_) {
+        if (next_ == waiting_ && !take_waiting()) {
+            clocks_read_ = false;
+            return down_ || bus_off_ ? CanStatus::bus_down : CanStatus::would_block;
+        }
+        if ((messages_[next_].msg_hdr.msg_flags & MSG_CONFIRM) == 0) break;
+        note_confirmed(incoming_[next_].raw.can_id);
     }
     const canfd_frame& raw = incoming_[next_].raw;
     const std::size_t size = messages_[next_].msg_len;
@@ -248,6 +287,7 @@ CanStatus SocketCanBus::receive(ReceivedFrame& out) {
             std::uint32_t count = 0;
             std::memcpy(&count, CMSG_DATA(part), sizeof count);
             statistics_.receive_overflow += count - last_overflow_;  // modulo 2^32
+            if (count != last_overflow_) unconfirmed_count_ = 0;     // confirmations may be among the lost
             last_overflow_ = count;
         }
     }
@@ -280,9 +320,11 @@ CanStatus SocketCanBus::receive(ReceivedFrame& out) {
 void SocketCanBus::note_down() {
     if (!down_) down_since_ns_ = read_clock_ns(CLOCK_MONOTONIC);
     down_ = true;
+    unconfirmed_count_ = 0;
 }
 
 void SocketCanBus::note_error_class(std::uint32_t error_class) {
+    if ((error_class & (CAN_ERR_BUSOFF | CAN_ERR_RESTARTED)) != 0) unconfirmed_count_ = 0;
     if ((error_class & CAN_ERR_BUSOFF) != 0) {
         bus_off_ = true;
         ++statistics_.bus_off;
@@ -335,8 +377,15 @@ bool SocketCanBus::set_filters(std::span<const CanFilter> filters) {
         raw[i].can_id = (filter.id & CAN_EFF_MASK) | (filter.extended ? CAN_EFF_FLAG : 0U);
         raw[i].can_mask = (filter.mask & CAN_EFF_MASK) | CAN_EFF_FLAG;
     }
-    return setsockopt(socket_, SOL_CAN_RAW, CAN_RAW_FILTER, raw.data(),
-                      static_cast<socklen_t>(filters.size() * sizeof(can_filter))) == 0;
+    if (setsockopt(socket_, SOL_CAN_RAW, CAN_RAW_FILTER, raw.data(),
+                   static_cast<socklen_t>(filters.size() * sizeof(can_filter))) != 0) {
+        return false;
+    }
+    filters_ = raw;
+    filter_count_ = filters.size();
+    accept_all_ = false;
+    unconfirmed_count_ = 0;
+    return true;
 }
 
 }  // namespace wheelwright::hal

@@ -9,6 +9,11 @@
 // queue holds 10 frames unless `ip link set can0 txqueuelen N` says otherwise; when it is full, send() says
 // would_block.
 //
+// What has left is known from the kernel's confirmations (CAN_RAW_RECV_OWN_MSGS): of controllers whose driver
+// echoes at the end of the transmission, when a frame has been on the wire; of others (vcan), when the
+// interface has taken it. Confirmations pass the filters like other frames, so waits() knows of identifiers
+// that the filters accept. One that is lost is made up by the next one.
+//
 // bus_down is noticed in send() and receive(), and taken back when a frame gets through again, or when the
 // controller reports a restart. A controller that is bus-off stays so unless `restart-ms` is set.
 #pragma once
@@ -51,6 +56,7 @@ class SocketCanBus final : public CanBus {
     SocketCanBus& operator=(const SocketCanBus&) = delete;
 
     CanStatus send(const CanFrame& frame) override;
+    bool waits(std::uint32_t id) const override;
     CanStatus receive(ReceivedFrame& out) override;
     bool set_filters(std::span<const CanFilter> filters) override;
     CanStatistics statistics() const override { return statistics_; }
@@ -72,12 +78,21 @@ class SocketCanBus final : public CanBus {
     };
 
     bool take_waiting();
+    void note_sent(std::uint32_t raw_id);
+    void note_confirmed(std::uint32_t raw_id);
     std::int64_t to_monotonic_ns(std::int64_t stamp_realtime_ns);
     void note_down();
     void note_error_class(std::uint32_t error_class);
 
     int socket_;
     bool fd_frames_ = false;
+    bool confirms_ = false;
+    std::array<can_filter, max_filters> filters_{};
+    std::size_t filter_count_ = 0;
+    bool accept_all_ = true;
+    std::array<std::uint32_t, 32> unconfirmed_{};  // a ring of identifiers, with the kernel's flags
+    std::size_t unconfirmed_first_ = 0;
+    std::size_t unconfirmed_count_ = 0;
     std::int64_t down_since_ns_ = 0;
     bool down_ = false;
     bool bus_off_ = false;

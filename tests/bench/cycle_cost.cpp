@@ -80,6 +80,7 @@ class Replayer final : public hal::CanBus {
         out_[sent_++] = frame;
         return hal::CanStatus::ok;
     }
+    bool waits(std::uint32_t) const override { return false; }
     hal::CanStatus receive(hal::ReceivedFrame& out) override {
         if (next_ == end_) return hal::CanStatus::would_block;
         out = recording_.in[next_++];

@@ -25,6 +25,7 @@ class FrontBus : public hal::CanBus {
   public:
     void connect(hal::CanBus& behind) { behind_ = &behind; }
     hal::CanStatus send(const hal::CanFrame& frame) override { return behind_->send(frame); }
+    bool waits(std::uint32_t id) const override { return behind_->waits(id); }
     hal::CanStatus receive(hal::ReceivedFrame& out) override { return behind_->receive(out); }
     bool set_filters(std::span<const hal::CanFilter> filters) override {
         return behind_->set_filters(filters);

@@ -121,6 +121,28 @@ void own_frames_are_not_received(Rig& rig) {
     EXPECT_EQUAL(0, rig.bus(0).statistics().frames_received);
 }
 
+// With filters or without, as far as they accept it; also when the others have to be looked at first.
+template <typename Rig>
+void a_frame_waits_until_it_has_left(Rig& rig) {
+    const std::array filters{hal::CanFilter{0x20, 0x7F0, false}};
+    for (const bool filtered : {false, true}) {
+        if (filtered) EXPECT_THAT(rig.bus(0).set_filters(filters));
+        EXPECT_EQUAL(false, rig.bus(0).waits(0x21));
+        for (const std::uint32_t id : {0x21U, 0x22U, 0x21U}) {
+            EXPECT_EQUAL(hal::CanStatus::ok, rig.bus(0).send(make_frame(id, 8)));
+        }
+        EXPECT_THAT(rig.bus(0).waits(0x21));
+        EXPECT_THAT(rig.bus(0).waits(0x22));
+        EXPECT_EQUAL(false, rig.bus(0).waits(0x23));
+        EXPECT_EQUAL(false, rig.bus(1).waits(0x21));
+        rig.settle();
+        EXPECT_EQUAL(0, drain(rig.bus(0)));
+        EXPECT_EQUAL(3, drain(rig.bus(1)));
+        EXPECT_EQUAL(false, rig.bus(0).waits(0x21));
+        EXPECT_EQUAL(false, rig.bus(0).waits(0x22));
+    }
+}
+
 template <typename Rig>
 void an_empty_bus_says_would_block(Rig& rig) {
     hal::ReceivedFrame received;
@@ -450,6 +472,7 @@ void bus_off_is_counted_and_refuses_until_the_restart(Rig& rig) {
     X(every_length_arrives_unchanged_at_all_others_once)              \
     X(the_ends_of_both_identifier_ranges_arrive)                      \
     X(own_frames_are_not_received)                                    \
+    X(a_frame_waits_until_it_has_left)                                \
     X(an_empty_bus_says_would_block)                                  \
     X(one_senders_frames_keep_their_order)                            \
     X(remote_frames_arrive_as_such)                                   \

@@ -130,6 +130,8 @@ TEST(OdriveArming, generation_0_5_sends_the_documented_order_one_step_in_a_cycle
     b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
     b.cycle();
     b.check_sent({frame(0x06E, kZero8)});
+    b.cycle();  // it cannot be read back: once more
+    b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0}), frame(0x06E, kZero8)});
     b.cycle();
     b.check_sent({frame(0x067, {8, 0, 0, 0}), frame(0x06E, kZero8)});
     b.cycles(3);
@@ -162,9 +164,63 @@ TEST(OdriveArming, generation_0_6_reads_the_watchdog_before_closed_loop) {
     b.check_sent({frame(0x06E, kZero8)});
     b.receive(0x065, {0, 0x23, 0x01, 0, 1});
     b.cycle();
+    b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0}), frame(0x06E, kZero8)});
+    b.cycle();
     b.check_sent({frame(0x067, {8, 0, 0, 0}), frame(0x06E, kZero8)});
     b.heartbeat(8);
     CHECK(b.drive.state() == DriveState::armed);
+}
+
+// What has an endpoint is read back: watchdog on, its time-out (0.05 s), the modes. 100, 101 .. are the
+// endpoints.
+TEST(OdriveArming, generation_0_6_reads_back_all_that_has_an_endpoint) {
+    struct Case {
+        int wrong;  // which answer is wrong, 4: none
+        std::initializer_list<int> says;
+        ArmRefusal refusal;
+    };
+    for (const Case& one :
+         {Case{4, {}, ArmRefusal::none}, Case{0, {0, 0, 0, 0}, ArmRefusal::watchdog_not_confirmed},
+          Case{1, {0, 0, 0x80, 0x3F}, ArmRefusal::watchdog_not_confirmed},  // 1 s
+          Case{1, {0, 0, 0, 0}, ArmRefusal::watchdog_not_confirmed},        // 0 s
+          Case{1, {0, 0, 0xC0, 0x7F}, ArmRefusal::watchdog_not_confirmed},  // NaN
+          Case{1, {0x0A, 0xD7, 0x23, 0x3C}, ArmRefusal::none},              // 0.01 s
+          Case{2, {3, 0, 0, 0}, ArmRefusal::mode_not_confirmed},            // position
+          Case{3, {2, 0, 0, 0}, ArmRefusal::mode_not_confirmed}}) {         // velocity ramp
+        OdriveConfig c = config(OdriveGeneration::v0_6);
+        c.watchdog_endpoint = 100;
+        c.watchdog_timeout_endpoint = 101;
+        c.control_mode_endpoint = 102;
+        c.input_mode_endpoint = 103;
+        c.arming_timeout_s = 0.2;
+        Bench b(c);
+        b.heartbeat(1);
+        b.cycle();
+        b.drive.request_arm();
+        int modes = 0;
+        bool closed_loop = false;
+        const std::initializer_list<int> right[4]{
+            {1, 0, 0, 0}, {0xCD, 0xCC, 0x4C, 0x3D}, {1, 0, 0, 0}, {1, 0, 0, 0}};
+        for (int i = 0; i < 190; ++i) {
+            b.sent.count = 0;
+            b.cycle();
+            for (std::size_t k = 0; k < b.sent.count; ++k) {
+                const hal::CanFrame& sent = b.sent.frames[k];
+                modes += sent.id == 0x06B ? 1 : 0;
+                closed_loop = closed_loop || (sent.id == 0x067 && sent.data[0] == 8);
+                if (sent.id != 0x064) continue;
+                const int which = sent.data[1] - 100;
+                const auto& value = which == one.wrong ? one.says : right[which];
+                const int* v = value.begin();
+                b.receive(0x065, {0, sent.data[1], 0, 0, v[0], v[1], v[2], v[3]});
+            }
+            if (i % 50 == 0) b.heartbeat(1);
+        }
+        b.cycles(20);
+        CHECK(b.drive.refusal() == (one.refusal == ArmRefusal::none ? ArmRefusal::timed_out : one.refusal));
+        CHECK_EQUAL(one.refusal == ArmRefusal::none, closed_loop);
+        CHECK(one.refusal == ArmRefusal::mode_not_confirmed ? modes > 5 : modes == 1);
+    }
 }
 
 TEST(OdriveArming, a_drive_that_says_its_watchdog_is_off_is_refused_even_when_vouched_for) {
@@ -272,7 +328,7 @@ TEST(OdriveArming, a_heartbeat_from_before_the_request_does_not_arm) {
     b.heartbeat(1);
     b.cycle();
     b.drive.request_arm();
-    b.cycles(3);  // the third cycle asks for closed loop
+    b.cycles(4);  // the fourth cycle asks for closed loop
     CHECK(b.drive.accept({frame(0x061, {0, 0, 0, 0, 8, 0, 0, 0}), b.now - 1}));
     CHECK(b.drive.state() == DriveState::arming);
     b.heartbeat(8);

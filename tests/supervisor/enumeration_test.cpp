@@ -22,7 +22,7 @@ bool driving(Mode mode) {
     return one_of(mode,
                   {Mode::torque, Mode::ident, Mode::velocity, Mode::pose, Mode::trajectory, Mode::adaptive});
 }
-bool has_setpoint(Mode mode) { return driving(mode) && mode != Mode::ident; }
+bool has_setpoint(Mode mode) { return driving(mode); }  // or a host that must be there
 bool has_loops(Mode mode) { return driving(mode) && mode != Mode::torque && mode != Mode::ident; }
 bool has_path(Mode mode) { return mode == Mode::trajectory || mode == Mode::adaptive; }
 bool emergency(Fault fault) {
@@ -66,7 +66,7 @@ SupervisorConfig config_of(unsigned choices) {
 bool may_brake(const Conditions& c, const StopChoices& may, bool with_setpoint) {
     const bool blind = c.feedback_stale || c.encoder_implausible || c.not_finite;
     const bool disobeyed = !c.drives_armed || c.drive_error || c.drive_silent || c.drive_disarmed_itself ||
-                           c.foreign_control || c.bus_down;
+                           c.torque_not_followed || c.drive_enable_failed || c.foreign_control || c.bus_down;
     const bool told_to_coast = ((c.stop_line_active || c.stop_message) && !may.emergency_stop_ramps) ||
                                (c.over_speed && !may.over_speed_ramps) || (c.overrun && !may.overrun_ramps) ||
                                (c.terminate && !may.terminate_ramps) ||
@@ -83,14 +83,16 @@ Fault danger(const Conditions& c, Mode mode, Phase phase) {
     if (c.stop_message) return Fault::emergency_stop_message;
     if (c.not_finite) return Fault::internal_error;
     if (c.bus_down) return Fault::bus_down;
+    if (c.overrun) return Fault::cycle_overrun;
     if (c.foreign_control) return Fault::foreign_control;
+    if (c.drive_enable_failed) return Fault::drive_enable_failed;
+    if (c.torque_not_followed) return Fault::torque_not_followed;
     if (c.drive_error && !arming) return Fault::drive_error;
     if (c.drive_silent) return Fault::drive_silent;
     if ((c.drive_disarmed_itself || !c.drives_armed) && !arming) return Fault::drive_left_armed_state;
     if (c.feedback_stale) return Fault::stale_feedback;
     if (c.encoder_implausible) return Fault::encoder_implausible;
     if (c.over_speed) return Fault::over_speed;
-    if (c.overrun) return Fault::cycle_overrun;
     if (c.command_stale && phase == Phase::steady && has_setpoint(mode)) return Fault::stale_command;
     if (c.terminate) return Fault::terminated;
     return Fault::none;
@@ -173,9 +175,10 @@ State expected(State s, const Input& in, const StopChoices& may) {
     }
     if (s.phase == Phase::arming) {
         if (c.arming_refused || s.age > kLimit) {
-            s.blocker = !c.watchdog_confirmed ? Blocker::watchdog_not_confirmed
-                        : c.drive_error       ? Blocker::drive_error
-                                              : Blocker::drives_not_armed;
+            s.blocker = !c.watchdog_confirmed       ? Blocker::watchdog_not_confirmed
+                        : !c.control_mode_confirmed ? Blocker::control_mode_not_confirmed
+                        : c.drive_error             ? Blocker::drive_error
+                                                    : Blocker::drives_not_armed;
             change(Mode::fault, Phase::steady);
             s.fault = Fault::arming_refused;
             s.requested = Mode::idle;
@@ -202,6 +205,8 @@ constexpr std::array kConditions{&Conditions::feedback_stale,
                                  &Conditions::encoder_implausible,
                                  &Conditions::command_stale,
                                  &Conditions::drive_error,
+                                 &Conditions::torque_not_followed,
+                                 &Conditions::drive_enable_failed,
                                  &Conditions::foreign_control,
                                  &Conditions::drive_silent,
                                  &Conditions::drives_armed,
@@ -209,6 +214,7 @@ constexpr std::array kConditions{&Conditions::feedback_stale,
                                  &Conditions::drive_disarmed_itself,
                                  &Conditions::arming_refused,
                                  &Conditions::watchdog_confirmed,
+                                 &Conditions::control_mode_confirmed,
                                  &Conditions::over_speed,
                                  &Conditions::stop_line_active,
                                  &Conditions::stop_message,

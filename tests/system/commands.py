@@ -127,7 +127,7 @@ class Commands(unittest.TestCase):
         # Nobody's: a remote frame, an extended identifier, a foreign one. Not ours to count.
         self.rig.host.cansend(number_of("ModeCommand"), "R")
         subprocess.run(["cansend", "vcan0", f"00000601#{mode(9, 1).hex()}"], check=True)
-        self.rig.host.cansend(0x60C, bytes(8))
+        self.rig.host.cansend(0x60D, bytes(8))
 
         after = counters(self.rig, time.time())
         counted = {cause: after[cause] - before[cause] for cause in CAUSES}

@@ -42,6 +42,7 @@ def figure_eight_errors(rig_, length, width, period, from_s):
     end: RMS, largest, and both in words."""
     rig_.until_status(lambda s: s["PoseFixed"] == 1, "the pose comes from outside")
     rig_.send("TrajectoryCommand", Shape="figure_eight", Length=length, Width=width, Period=period)
+    rig_.attend()
     rig_.send("ModeCommand", Mode="trajectory")
     first = rig_.until_state("trajectory")["Time"]
     rig_.until(lambda: time.time() > first + 2 * period, "two laps are driven", seconds=4 * period)

@@ -299,6 +299,7 @@ class Rig:
 
     def __init__(self, interface="vcan0", host_interface=None, filters=USUAL):
         self.folder = tempfile.mkdtemp(prefix="wheelwright_")
+        self.attending = None
         self.interface = interface
         self.drives = Bus(interface, self.file("drives.log"), filters)
         self.host = self.drives
@@ -434,6 +435,12 @@ class Rig:
         until(lambda: self.host.of(name, started), f"{name} is on the bus")
         return process
 
+    def attend(self):
+        """Says for two minutes that the host is there: what drives without set-points needs that."""
+        if self.attending is not None:
+            self.end_stream(self.attending)
+        self.attending = self.stream("HostAlive", 0.1)
+
     def end_stream(self, process):
         process.kill()
         process.wait()
@@ -476,6 +483,8 @@ class Rig:
 
     def mode(self, mode):
         """Asks for a mode and waits until the robot is in it."""
+        if mode in ("ident", "trajectory", "adaptive"):
+            self.attend()
         self.send("ModeCommand", Mode=mode)
         return self.until_state(mode)
 

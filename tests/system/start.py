@@ -143,6 +143,19 @@ class Start(unittest.TestCase):
         self.refused(1, "Set_Input_Torque", "Get_Encoder_Estimates", "bus.load_limit",
                      of=run("--config", path, "--can", "vcan0"))
 
+    def test_a_second_firmware_on_the_bus_is_refused_and_the_first_drives_on(self):
+        one = rig.Rig()
+        self.addCleanup(one.end)
+        one.start_robot()
+        one.start_daemon()
+        stream = one.stream("VelocityCommand", 0.02, ForwardSpeed=0.2, YawRate=0)
+        one.mode("velocity")
+        status, out, err = run("--config", one.robot_file, "--can", "vcan0", "--allow-soft-realtime")
+        self.assertEqual((status, out), (1, ""))
+        self.assertIn("another wheelwrightd drives a robot on vcan0 (its Status frames, 0x620, are heard)", err)
+        self.assertEqual(one.status()["State"], "velocity")
+        one.end_stream(stream)
+
     def test_usage(self):
         for arguments in ((), ("--config", self.good), ("--can", "vcan0"), ("--nonsense",),
                           ("--config", self.good, "--can", "vcan0", "--duration", "long")):

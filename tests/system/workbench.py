@@ -133,6 +133,7 @@ class Workbench(unittest.TestCase):
         for row in rows:
             self.assertLess(abs(row[4] - 0.2), 0.01)
         # It has waited for idle: what may begin at rest only may be asked for next.
+        self.rig.attend()
         self.assertEqual(ctl("--no-wait", "mode", "ident"), (0, "", ""))
         self.rig.until_state("ident")
         self.assertEqual(ctl("mode", "idle"), (0, "state idle\n", ""))

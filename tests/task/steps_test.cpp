@@ -38,7 +38,7 @@ struct Scene {
         seen.now_ns += kCycle_ns;
         if (feedback_comes) left.encoder_time_ns = right.encoder_time_ns = seen.now_ns;
         return judge_.judge(
-            {seen, left, right, parameters.geometry.wheel_radius_m, wants_armed, braking, told});
+            {seen, left, right, parameters.geometry.wheel_radius_m, wants_armed, braking, 0, told});
     }
     bool feedback_comes = true;
 };

@@ -92,12 +92,14 @@ class Status(unittest.TestCase):
                 self.assertEqual(status, 1, (words, value))
                 self.assertIn(f"found {value}, expected a number greater than 0", err)
         for words, expected in ((("ctl", "stop", "--rate"), "from 0.1 to 1000"), (("ctl", "stop", "--alive"), "from 0 to 14"),
-                                (("ctl", "ident", "--bit-time"), "from 0 to 255"), (("sim", "--rest"), "from 0 to 10000")):
-            for value in ("-3", "20000", "nan"):
+                                (("ctl", "ident", "--bit-time"), "from 0 to 255"), (("sim", "--rest"), "from 0 to 10000"), (("gap", "x.log", "--out", "y", "--heldout-from"), "from 0 to 1e9")):
+            for value in ("-3", "20000" if "1e9" not in expected else "2e9", "nan"):
                 status, _, err = run(*words, value)
                 self.assertEqual(status, 1, (words, value))
                 self.assertIn(f"found {value}, expected a number {expected}", err)
-        for action in ("wait:-3", "velocity:0.1,0,0", "wait:nan", "goal:inf,0,0", "adaptive:-1"):
+        for action in ("wait:-3", "velocity:0.1,0,0", "wait:nan", "goal:inf,0,0", "adaptive:-1", "wait:1e300",
+                       "payload:-2", "payload:-1", "payload:1e9", "velocity:1e9,0,1", "velocity:0,-1e9,1",
+                       "torque:0,33,1", "goal:0,1e9,0"):
             status, _, err = run("sim", action)
             self.assertEqual(status, 1, action)
             self.assertLess(len(err), 120, err)
@@ -273,6 +275,18 @@ class Check(unittest.TestCase):
         self.assertTrue(lines[0].startswith(f"{robot.name}:2:1: geometry.wheel_radius_mm: unknown key"))
         self.assertTrue(lines[1].startswith(f"{robot.name}:3:11: geometry.track_m: found 320 m, expected"))
         self.assertEqual(run("check", "/nowhere.toml")[0], 1)
+
+    def test_a_pipe_is_refused_and_many_unknown_keys_take_their_number_of_times(self):
+        with tempfile.TemporaryDirectory() as folder:
+            pipe = os.path.join(folder, "robot.toml")
+            os.mkfifo(pipe)
+            status, _, err = run("check", pipe)  # nobody writes into it
+            self.assertEqual((status, err), (1, f"{pipe}: is a pipe or a device, expected a file on a disk\n"))
+            many = os.path.join(folder, "many.toml")
+            with open(many, "w", encoding="utf-8") as robot:
+                robot.writelines(f"unheard_of_{i} = 1\n" for i in range(10000))
+            status, _, err = run("check", many)  # a second; run() gives it 20
+            self.assertEqual((status, len(err.splitlines())), (1, 10000))
 
     def test_the_page_of_the_robot_file_is_the_programs_reference(self):
         status, out, _ = run("check", "--explain")

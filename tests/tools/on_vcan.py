@@ -366,6 +366,20 @@ class OnVcan(unittest.TestCase):
         self.assertEqual(run("ctl", "--can", "vcan0", "--no-wait", "mode", "ident"), (0, "", ""))
         self.assertLess(time.monotonic(), began + 5)
 
+    def test_a_robot_that_drives_alone_is_watched_over_until_ctrl_c_or_the_time_is_over(self):
+        call = [PROGRAM, "ctl", "--can", "vcan0", "mode", "trajectory"]
+        process = subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
+        said = self.firmware.of("HostAlive", 4)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=10)
+        self.assertEqual((process.returncode, out), (0, "state trajectory\n"))
+        self.assertTrue(all(0.05 < b[0] - a[0] < 0.35 for a, b in zip(said, said[1:])), said)
+        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 2)], [6, 1])
+        self.assertEqual(run(*call[1:], "--for", "0.5")[0], 0)
+        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 4)][2:], [6, 1])
+        self.assertEqual(run("ctl", "--can", "vcan0", "trajectory", "circle", "--enter", "--for", "0.5")[0], 0)
+        self.assertEqual(run("ctl", "--can", "vcan0", "alive", "--for", "0.3")[0], 0)
+
     def test_monitor_prints_lines_when_it_is_not_on_a_terminal(self):
         status, out, err = run("monitor", "--can", "vcan0", "--for", "1", "--every", "0.3")
         self.assertEqual((status, err), (0, ""))

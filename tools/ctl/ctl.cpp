@@ -137,6 +137,31 @@ int await_rest(Link& link) {
                                     " s ago, and the robot is not idle yet");
 }
 
+// Modes that drive without set-points, as long as somebody is there.
+bool drives_alone(protocol::Mode mode) {
+    return mode == protocol::Mode::ident || mode == protocol::Mode::trajectory ||
+           mode == protocol::Mode::adaptive;
+}
+
+std::int64_t end_of(const Options& options) {
+    return options.for_s > 0 ? can_now_ns() + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
+}
+
+// The robot drives a path of its own: says that somebody is there until --for is over, Ctrl-C, or the robot
+// has left the mode; then asks for idle.
+int watch_over(Link& link, protocol::Mode mode, std::int64_t end_ns) {
+    ModeWatch watch(mode, can_now_ns());
+    do {  // some Status is heard in any case
+        const std::int64_t soon_ns = can_now_ns() + kSecond_ns / 4;
+        if (!watch.follow(link, std::clamp(end_ns, soon_ns, soon_ns + kSecond_ns)) || watch.silent()) break;
+    } while (!interrupted() && can_now_ns() < end_ns);
+    const int result = watch.result(link);
+    if (watch.in_fault()) return result;
+    const int status = link.send(mode_command(protocol::Mode::idle));
+    const int rested = status == kDone ? await_rest(link) : status;
+    return result == kDone ? rested : result;
+}
+
 int send_mode(const Options& options, protocol::Mode mode) {
     const Command command = mode_command(mode);
     if (options.print) return print_frames(options, {command});
@@ -145,9 +170,11 @@ int send_mode(const Options& options, protocol::Mode mode) {
     if (const int status = link.open(); status != kDone) return status;
     link.forget_received();
     if (const int status = link.send(command); status != kDone) return status;
+    if (drives_alone(mode)) link.stay_alive();
     int result = options.no_wait ? kDone : await_state(link, mode);
-    if (mode == protocol::Mode::ident && !options.no_wait && (result == kDone || interrupted())) {
-        result = await_identification(link);
+    if (!options.no_wait && drives_alone(mode) && (result == kDone || interrupted())) {
+        result = mode == protocol::Mode::ident ? await_identification(link)
+                                               : watch_over(link, mode, end_of(options));
     }
     Link::leave_slot();
     return result;
@@ -174,7 +201,9 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
         if (options.enter && mode.has_value()) all.push_back(mode_command(*mode));
         return print_frames(options, all);
     }
-    const bool repeat = repeat_by_default || options.for_s > 0;
+    // A path of the firmware's own is chosen once; with --enter it is watched over.
+    const bool alone = !repeat_by_default && options.enter && mode.has_value() && drives_alone(*mode);
+    const bool repeat = !alone && (repeat_by_default || options.for_s > 0);
     double period_s = commands.front().period_s;
     if (options.rate_Hz > 0) period_s = 1 / options.rate_Hz;
     if (repeat && period_s <= 0) period_s = 0.1;
@@ -182,10 +211,8 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     catch_interrupt();
     Link link(options);
     if (const int status = link.open(); status != kDone) return status;
-    const std::int64_t begin_ns = can_now_ns();
-    const std::int64_t end_ns =
-        options.for_s > 0 ? begin_ns + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
-    std::int64_t due_ns = begin_ns;
+    const std::int64_t end_ns = end_of(options);
+    std::int64_t due_ns = can_now_ns();
     const bool enter = options.enter && mode.has_value();
     std::optional<ModeWatch> watch;
     do {
@@ -196,6 +223,7 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
             link.forget_received();
             if (const int status = link.send(mode_command(*mode)); status != kDone) return status;
             watch.emplace(*mode, can_now_ns());
+            if (alone) link.stay_alive();
         }
         if (!repeat) break;
         due_ns += static_cast<std::int64_t>(period_s * 1e9);
@@ -208,6 +236,10 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     int result = kDone;
     if (after && !options.no_wait && !interrupted()) after(link);
     if (enter && !options.no_wait) result = repeat ? watch->result(link) : await_state(link, *mode);
+    if (alone && !options.no_wait && (result == kDone || interrupted())) {
+        result =
+            *mode == protocol::Mode::ident ? await_identification(link) : watch_over(link, *mode, end_ns);
+    }
     // In a fault it would be refused, and hide what was refused before.
     if (enter && repeat && !watch->in_fault()) {
         int status = link.send(mode_command(protocol::Mode::idle));
@@ -411,6 +443,16 @@ void add_pose(const CommandLine& ctl, const Shared& options, Run& run) {
     });
 }
 
+void add_alive(const CommandLine& ctl, const Shared& options, Run& run) {
+    const CommandLine command = subcommand(
+        ctl, "alive", "Say that the host is there (HostAlive), repeated; for scripts of cansend lines");
+    command.callback([=, &run] {
+        run = [=] {
+            return send_commands(*options, {command_of(protocol::HostAlive{})}, std::nullopt, true);
+        };
+    });
+}
+
 void add_ident(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto message = std::make_shared<protocol::IdentSettings>();
     const auto bit_time_ms = std::make_shared<int>(0);
@@ -553,6 +595,7 @@ void add_ctl(const CommandLine& program, Run& run) {
     add_trajectory(ctl, options, run);
     add_stream(ctl, options, run);
     add_pose(ctl, options, run);
+    add_alive(ctl, options, run);
     add_ident(ctl, options, run);
     add_param(ctl, options, run);
     add_stop(ctl, options, run);

@@ -1,5 +1,6 @@
 #include "tools/ctl/link.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
@@ -13,6 +14,7 @@ constexpr std::int64_t kSecond_ns = 1'000'000'000;
 // Alive counters of separate calls come from the clock, one step in so many nanoseconds; a round of 15 is
 // longer than the 500 ms over which the firmware remembers the last one.
 constexpr std::int64_t kAliveSlot_ns = 40'000'000;
+constexpr std::int64_t kAlivePeriod_ns = std::int64_t{protocol::HostAlive::cycle_time_ms} * 1'000'000;
 
 }  // namespace
 
@@ -43,7 +45,16 @@ void Link::leave_slot() { sleep_until((can_now_ns() / kAliveSlot_ns + 1) * kAliv
 
 bool Link::receive(hal::CanFrame& frame, std::int64_t deadline_ns) {
     hal::ReceivedFrame received;
-    while (receive_until(*bus_, received, deadline_ns)) {
+    while (!interrupted()) {
+        if (stays_alive_ && can_now_ns() >= alive_due_ns_) {
+            if (send(command_of(protocol::HostAlive{})) != kDone) return false;
+            alive_due_ns_ = can_now_ns() + kAlivePeriod_ns;
+        }
+        const std::int64_t until_ns = stays_alive_ ? std::min(deadline_ns, alive_due_ns_) : deadline_ns;
+        if (!receive_until(*bus_, received, until_ns)) {
+            if (can_now_ns() >= deadline_ns) return false;
+            continue;
+        }
         frame = received.frame;
         if (frame.extended || frame.error || frame.remote) continue;
         if (const auto body = decoded<protocol::BodyState>(frame)) body_ = *body;
@@ -134,13 +145,17 @@ bool ModeWatch::follow(Link& link, std::int64_t deadline_ns) {
     return true;
 }
 
+bool ModeWatch::silent() const {
+    return can_now_ns() > (last_.has_value() ? heard_ns_ : asked_ns_) + kSecond_ns / 2;
+}
+
 int ModeWatch::result(const Link& link) const {
     const LinkOptions& options = link.options();
     if (!last_.has_value()) {
         return options.complain(kAimMissed,
                                 "sent, but no Status frame came back: is the firmware running there?");
     }
-    if (can_now_ns() > heard_ns_ + kSecond_ns / 2) {
+    if (silent()) {
         return options.complain(kAimMissed, "the firmware has gone: its Status frames have ceased");
     }
     if (last_->state == wanted_) return kDone;

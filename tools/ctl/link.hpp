@@ -41,6 +41,10 @@ class Link {
 
     int send(const Command& command);
 
+    // From now on HostAlive is sent whenever this program waits for frames, as the firmware stops what needs
+    // no set-points when nobody is there.
+    void stay_alive() { stays_alive_ = true; }
+
     // Waits for the next message of this kind; nothing when none comes in time.
     template <typename Message>
     std::optional<Message> wait_for(std::int64_t deadline_ns) {
@@ -89,6 +93,8 @@ class Link {
     protocol::BodyState body_;
     DriveErrors errors_;
     std::uint8_t first_alive_ = 0;
+    bool stays_alive_ = false;
+    std::int64_t alive_due_ns_ = 0;
     std::vector<std::pair<std::string, std::uint8_t>> alive_;
 };
 
@@ -101,6 +107,8 @@ class ModeWatch {
     // What Status says until `deadline_ns`; false as soon as there is no need to go on.
     bool follow(Link& link, std::int64_t deadline_ns);
     bool entered() const { return entered_; }
+    // No Status for half a second, though followed.
+    bool silent() const;
     bool in_fault() const { return last_.has_value() && last_->state == protocol::Mode::fault; }
     // What became of it, as an exit status; said unless it is kDone.
     int result(const Link& link) const;

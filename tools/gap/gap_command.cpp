@@ -131,6 +131,25 @@ int write_to_robot(const Options& options, const gap::Findings& findings, const 
     return gap::write_parameters(gap::changes(findings, request), options.interface, options.yes);
 }
 
+// FILE or FILE.json:TEST. A whole file has all its tests in it; a copy, or another name of the file, is the
+// same log.
+bool is_part_of(const std::string& log, const std::string& whole) {
+    const auto file_of = [](const std::string& name) {
+        const std::size_t colon = name.rfind(".json:");
+        return colon == std::string::npos ? name : name.substr(0, colon + 5);
+    };
+    const std::string file = file_of(log);
+    const std::string other = file_of(whole);
+    const bool other_test =
+        other != whole && file != log && log.substr(file.size()) != whole.substr(other.size());
+    if (other_test) return false;
+    std::error_code failed;
+    if (file == other || std::filesystem::equivalent(file, other, failed)) return true;
+    const auto size = std::filesystem::file_size(file, failed);
+    if (failed || size != std::filesystem::file_size(other, failed) || failed) return false;
+    return gap::text_of_file(file) == gap::text_of_file(other);
+}
+
 int gap(const Options& options) {
     gap::Request request;
     request.logs = options.logs;
@@ -138,6 +157,11 @@ int gap(const Options& options) {
     if (options.heldout_from_s >= 0) request.heldout_from_s = options.heldout_from_s;
     if (!options.heldout.empty() && options.heldout_from_s >= 0) {
         return usage("--heldout and --heldout-from exclude each other");
+    }
+    for (const std::string& log : options.logs) {
+        if (options.heldout.empty() || !is_part_of(options.heldout, log)) continue;
+        return usage("--heldout " + options.heldout + ": the same log is learned from (" + log +
+                     "); expected one that is not among LOG");
     }
     if (!options.model.empty()) {
         const std::optional<task::RobotFile> robot = read_robot(options.model);
@@ -222,8 +246,10 @@ void add_gap(const CommandLine& program, Run& run) {
                     "Effects known not to be there, by name, with commas between: not looked for")
         .delimiter(',');
     command.add_option("--heldout", options->heldout, "A log that is not learned from, but judged on");
-    command.add_option("--heldout-from", options->heldout_from_s,
-                       "The last log's part from this time on, in seconds");
+    command
+        .add_option("--heldout-from", options->heldout_from_s,
+                    "The last log's part from this time on, in seconds")
+        .check(from_to("0", "1e9"));
     command.add_option("--out", options->out, "Folder for gap.json, robot.extended.toml, report.html")
         .required();
     command.add_flag("--close-loop", options->close_loop,

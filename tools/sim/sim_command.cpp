@@ -16,6 +16,7 @@
 #include "tools/cli/command_line.hpp"
 #include "tools/cli/ident_words.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/ctl/frames.hpp"
 #include "tools/ctl/link.hpp"
 #include "tools/sim/experiments.hpp"
 
@@ -48,16 +49,46 @@ struct ActionInfo {
     std::size_t fewest, most;
     std::size_t seconds;  // which of them is a time; kNone: none
     const char* usage;
+    std::string (*wrong)(const std::vector<double>& numbers) = nullptr;  // "" or what is out of its range
 };
+
+// A command takes what its message can carry.
+std::string wrong_velocity(const std::vector<double>& n) {
+    protocol::VelocityCommand message;
+    message.forward_speed_m_per_s = n[0];
+    message.yaw_rate_rad_per_s = n[1];
+    return field_error(message);
+}
+std::string wrong_torque(const std::vector<double>& n) {
+    protocol::TorqueCommand message;
+    message.left_torque_Nm = n[0];
+    message.right_torque_Nm = n[1];
+    return field_error(message);
+}
+std::string wrong_goal(const std::vector<double>& n) {
+    protocol::PoseGoal message;
+    message.x_m = n[0];
+    message.y_m = n[1];
+    message.heading_rad = wrap_angle_rad(n[2]);
+    return field_error(message);
+}
+// Something must be left to drive, and the truth's file has its bounds as well.
+std::string wrong_payload(const std::vector<double>& n) {
+    constexpr double kLeast = -0.9, kMost = 100;
+    if (n[0] >= kLeast && n[0] <= kMost) return "";
+    return "SHARE: found " + number_text(n[0]) + ", expected " + number_text(kLeast) + " to " +
+           number_text(kMost);
+}
 constexpr std::size_t kNone = SIZE_MAX;
 constexpr std::array kActions{
     ActionInfo{"ident", 0, 0, kNone, "ident                   identify the robot"},
-    ActionInfo{"velocity", 3, 3, 2, "velocity:V,W,S          m/s, rad/s, for S seconds"},
-    ActionInfo{"torque", 3, 3, 2, "torque:LEFT,RIGHT,S     Nm, for S seconds"},
-    ActionInfo{"goal", 3, 3, kNone, "goal:X,Y,HEADING        drive to a pose (m, m, rad)"},
+    ActionInfo{"velocity", 3, 3, 2, "velocity:V,W,S          m/s, rad/s, for S seconds", &wrong_velocity},
+    ActionInfo{"torque", 3, 3, 2, "torque:LEFT,RIGHT,S     Nm, for S seconds", &wrong_torque},
+    ActionInfo{"goal", 3, 3, kNone, "goal:X,Y,HEADING        drive to a pose (m, m, rad)", &wrong_goal},
     ActionInfo{"figure-eight", 0, 1, 0, "figure-eight[:S]        the standard figure-8, 42 s or S"},
     ActionInfo{"adaptive", 0, 1, 0, "adaptive[:S]            the same while the model is adapted"},
-    ActionInfo{"payload", 1, 1, kNone, "payload:SHARE           mass and inertia grow by this share at once"},
+    ActionInfo{"payload", 1, 1, kNone, "payload:SHARE           mass and inertia grow by this share at once",
+               &wrong_payload},
     ActionInfo{"place", 3, 3, kNone, "place:X,Y,HEADING       carry the robot to a pose"},
     ActionInfo{"wait", 1, 1, 0, "wait:S                  idle for S seconds"},
 };
@@ -90,8 +121,15 @@ Action parse_action(const std::string& text) {
         if (action.numbers.size() < info.fewest || action.numbers.size() > info.most) {
             throw std::invalid_argument("action \"" + text + "\": expected " + info.usage);
         }
-        if (info.seconds < action.numbers.size() && !(action.numbers[info.seconds] > 0)) {
-            throw std::invalid_argument("action \"" + text + "\": expected a time greater than 0");
+        constexpr double kLongest_s = 1e6;
+        if (info.seconds < action.numbers.size() &&
+            !(action.numbers[info.seconds] > 0 && action.numbers[info.seconds] <= kLongest_s)) {
+            throw std::invalid_argument("action \"" + text +
+                                        "\": expected a time greater than 0, at most 1e6 s");
+        }
+        if (const std::string wrong = info.wrong != nullptr ? info.wrong(action.numbers) : "";
+            !wrong.empty()) {
+            throw std::invalid_argument("action \"" + text + "\": " + wrong);
         }
         return action;
     }

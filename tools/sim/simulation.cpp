@@ -55,6 +55,7 @@ void SimulatedHost::send(const Message& message) {
     frame.id = Message::id;
     frame.length = Message::length;
     alive_ = protocol::next_alive(alive_);
+    if (Message::id != protocol::ExternalPose::id) spoke_ns_ = now_ns_;
     if (protocol::encode_sealed(message, alive_, frame.data) != protocol::CodecStatus::ok ||
         bus_.send(frame) != hal::CanStatus::ok) {
         ++refused_;
@@ -65,6 +66,8 @@ void SimulatedHost::mode(protocol::Mode mode) {
     protocol::ModeCommand command;
     command.mode = mode;
     send(command);
+    watches_ = mode == protocol::Mode::ident || mode == protocol::Mode::trajectory ||
+               mode == protocol::Mode::adaptive;
 }
 
 void SimulatedHost::clear_fault() { send(protocol::ClearFault{}); }
@@ -118,6 +121,12 @@ void SimulatedHost::stream(std::function<std::pair<Pose<double>, Twist<double>>(
 
 void SimulatedHost::silence() { repeating_ = Repeating::nothing; }
 
+void SimulatedHost::vanish() {
+    silence();
+    external_poses_ = false;
+    watches_ = false;
+}
+
 void SimulatedHost::external_pose(const Pose<double>& pose) {
     protocol::ExternalPose message;
     message.x_m = pose.x_m;
@@ -166,6 +175,8 @@ void SimulatedHost::send_setpoint(std::int64_t now_ns) {
 void SimulatedHost::step(std::int64_t now_ns) {
     now_ns_ = now_ns;
     if (repeating_ != Repeating::nothing && now_ns >= next_ns_) send_setpoint(now_ns);
+    constexpr std::int64_t kAlive_ns = std::int64_t{protocol::HostAlive::cycle_time_ms} * 1'000'000;
+    if (watches_ && now_ns - spoke_ns_ >= kAlive_ns) send(protocol::HostAlive{});
     sim::ExternalPose pose;
     while (world_.take_external_pose(pose)) {
         if (external_poses_) external_pose(pose.pose);
@@ -324,12 +335,13 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
     machine_->attach(*world_);
     host_ = std::make_unique<SimulatedHost>(machine_->host_bus(), *world_);
     stop_line_ = std::make_unique<sim::SimInput>(machine_->clock());
+    enable_line_ = std::make_unique<sim::SimOutput>(machine_->clock());
     const task::CyclePorts ports{machine_->firmware_bus(),
                                  machine_->firmware_host_bus(),
                                  *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
                                  *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
                                  options.emergency_stop_line ? stop_line_.get() : nullptr,
-                                 nullptr};
+                                 options.drive_enable_line ? enable_line_.get() : nullptr};
     cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
     // In real time the lines above take some: cycles are due from now on.
     schedule_ = task::CycleSchedule(machine_->clock().now_ns() + task::kCyclePeriod_ns);
@@ -360,6 +372,15 @@ void Simulation::step() {
     cycle_->send(clock.now_ns());
     schedule_.end(0);
     if (virtual_ != nullptr) world_->advance_to(clock.now_ns());  // for the judge
+}
+
+void Simulation::stall(double duration_s) {
+    hal::Clock& clock = machine_->clock();
+    const std::int64_t end_ns = clock.now_ns() + std::llround(duration_s * 1e9);
+    while (clock.now_ns() < end_ns) {
+        clock.sleep_until_ns(std::min(end_ns, clock.now_ns() + task::kCyclePeriod_ns));
+        host_->step(clock.now_ns());
+    }
 }
 
 void Simulation::run_for(double duration_s, const std::function<void()>& each) {

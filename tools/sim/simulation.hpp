@@ -33,7 +33,8 @@ namespace wheelwright::tools {
 sim::WorldOptions world_options(const task::SimulationParameters& from, std::uint64_t seed);
 
 // The host of a simulated robot: sends commands, repeats set-points at their cycle times, hands on external
-// poses. Commands take effect at the next cycle of the simulation.
+// poses. From a driving mode asked for on it says that it is there (HostAlive) when it says nothing else.
+// Commands take effect at the next cycle of the simulation.
 class SimulatedHost {
   public:
     SimulatedHost(hal::CanBus& bus, sim::World& world) : bus_(bus), world_(world) {}
@@ -52,6 +53,8 @@ class SimulatedHost {
     // A reference to stream: pose and velocities as a function of the time since now.
     void stream(std::function<std::pair<Pose<double>, Twist<double>>(double time_s)> reference);
     void silence();
+    // Sends nothing any more, as a host that has died.
+    void vanish();
 
     // Hands on the world's external poses (on at first).
     void external_poses(bool on) { external_poses_ = on; }
@@ -79,6 +82,8 @@ class SimulatedHost {
     std::int64_t stream_start_ns_ = 0;
     std::int64_t now_ns_ = 0;
     std::int64_t next_ns_ = 0;
+    std::int64_t spoke_ns_ = 0;  // other than by poses
+    bool watches_ = false;       // has asked for a mode that needs a host and no set-points
     bool external_poses_ = true;
     std::uint8_t alive_ = 0;
     std::uint32_t refused_ = 0;
@@ -90,6 +95,7 @@ struct SimulationOptions {
     std::int64_t start_ns = 1'000'000'000;
     bool separate_host_bus = false;
     bool emergency_stop_line = false;
+    bool drive_enable_line = false;
     std::string can_interface;      // "": virtual time; otherwise real time on this SocketCAN interface
     std::int64_t rest_ns = 50'000;  // in real time: the robot looks at the bus no more often than that
     std::string log_path;           // virtual time; "": no log; otherwise candump -L (a second bus as can1)
@@ -110,6 +116,8 @@ class Simulation {
     bool run_until(const std::function<bool()>& done, double at_most_s,
                    const std::function<void()>& each = {});
     void step();
+    // The firmware's computer stands still for a time; robot and host go on.
+    void stall(double duration_s);
 
     // From then on step() throws TimeIsOver.
     struct TimeIsOver {};
@@ -130,6 +138,7 @@ class Simulation {
     sim::InProcessBus& bus();                                 // virtual time only; the firmware is endpoint 0
     hal::CanBus& host_bus() { return machine_->host_bus(); }  // for frames that SimulatedHost would not send
     sim::SimInput& emergency_stop() { return *stop_line_; }
+    sim::SimOutput& drive_enable() { return *enable_line_; }
     task::SaveMailbox& mailbox() { return mailbox_; }
     bool log_failed() const;
 
@@ -158,6 +167,7 @@ class Simulation {
     drivers::DriveSlot left_;
     drivers::DriveSlot right_;
     std::unique_ptr<sim::SimInput> stop_line_;
+    std::unique_ptr<sim::SimOutput> enable_line_;
     task::SaveMailbox mailbox_;
     std::unique_ptr<task::Cycle> cycle_;
     std::unique_ptr<SimulatedHost> host_;
