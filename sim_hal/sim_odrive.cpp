@@ -237,6 +237,11 @@ void SimOdrive::power_cycle() {
     origin_counts_ = last_counts_;
     position_estimate_ = 0;
     velocity_estimate_ = 0;
+    if (faults_.reboots_armed) {
+        axis_state_ = kClosedLoop;
+        control_mode_ = kTorqueControl;
+        input_mode_ = kPassthrough;
+    }
 }
 
 void SimOdrive::run_event(double wheel_angle_rad, double wheel_speed_rad_per_s, drivers::FrameSink& out) {

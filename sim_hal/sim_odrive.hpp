@@ -73,6 +73,7 @@ struct SimOdriveFaults {
     bool deaf = false;             // receives nothing
     bool frozen_encoder = false;   // counts do not change
     bool powered_off = false;      // mute, deaf and without torque; comes back idle, at position 0
+    bool reboots_armed = false;    // instead comes back in closed loop and torque control, as it may be set up
     bool motor_unplugged = false;  // ODrive#700: closed loop is left, and no error appears in the heartbeat
 };
 

@@ -320,12 +320,23 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
     world.seed = options.seed;
     world.start_ns = start_ns_;
     if (virtual_ == nullptr) world.latest_ns += options.rest_ns;
-    world_ = std::make_unique<sim::World>(truth, world, machine_->robot_bus());
+    hal::CanBus* firmware_bus = &machine_->firmware_bus();
+    hal::CanBus* robot_bus = &machine_->robot_bus();
+    hal::CanBus* host_bus = machine_->firmware_host_bus();
+    const auto make_faulty = [&](Node node, hal::CanBus*& bus) {
+        if (!options.faulty_buses || bus == nullptr) return;
+        faulty_[std::size_t(node)] = std::make_unique<sim::FaultyBus>(*bus);
+        bus = faulty_[std::size_t(node)].get();
+    };
+    make_faulty(Node::firmware, firmware_bus);
+    make_faulty(Node::robot, robot_bus);
+    make_faulty(Node::host, host_bus);
+    world_ = std::make_unique<sim::World>(truth, world, *robot_bus);
     machine_->attach(*world_);
     host_ = std::make_unique<SimulatedHost>(machine_->host_bus(), *world_);
     stop_line_ = std::make_unique<sim::SimInput>(machine_->clock());
-    const task::CyclePorts ports{machine_->firmware_bus(),
-                                 machine_->firmware_host_bus(),
+    const task::CyclePorts ports{*firmware_bus,
+                                 host_bus,
                                  *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
                                  *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
                                  options.emergency_stop_line ? stop_line_.get() : nullptr,
@@ -360,6 +371,21 @@ void Simulation::step() {
     cycle_->send(clock.now_ns());
     schedule_.end(0);
     if (virtual_ != nullptr) world_->advance_to(clock.now_ns());  // for the judge
+}
+
+void Simulation::stall(double duration_s) {
+    hal::Clock& clock = machine_->clock();
+    const std::int64_t end_ns = clock.now_ns() + std::llround(1e9 * duration_s);
+    while (clock.now_ns() < end_ns) {
+        clock.sleep_until_ns(std::min(end_ns, clock.now_ns() + task::kCyclePeriod_ns));
+        host_->step(clock.now_ns());
+    }
+    if (virtual_ != nullptr) world_->advance_to(clock.now_ns());
+}
+
+sim::FaultyBus& Simulation::faulty_bus(Node node) {
+    const bool shared = node == Node::host && faulty_[std::size_t(node)] == nullptr;
+    return *faulty_[std::size_t(shared ? Node::firmware : node)];
 }
 
 void Simulation::run_for(double duration_s, const std::function<void()>& each) {
