@@ -17,6 +17,7 @@ namespace {
 constexpr std::size_t kFirmware = 0;
 constexpr std::size_t kRobot = 1;
 constexpr std::size_t kHost = 2;
+constexpr std::size_t kForeign = 3;
 constexpr std::size_t kFirmwareQueue = 7;  // as SocketCanBus has it
 
 sim::InProcessBusOptions bus_options(double bit_rate, std::uint64_t seed) {
@@ -216,12 +217,13 @@ class Simulation::VirtualMachine final : public Machine {
   public:
     VirtualMachine(const model::RobotParameters& parameters, const SimulationOptions& options)
         : clock_(options.start_ns),
-          bus_(clock_, 3, bus_options(parameters.bus.bit_rate_bit_per_s, options.seed)) {
+          bus_(clock_, 4, bus_options(parameters.bus.bit_rate_bit_per_s, options.seed)) {
         if (options.separate_host_bus) {
             second_ = std::make_unique<sim::InProcessBus>(
                 clock_, 2, bus_options(parameters.bus.host_bit_rate_bit_per_s, options.seed + 1));
         }
         bus_.limit_transmit_queue(kFirmware, kFirmwareQueue);
+        bus_.endpoint(kForeign).set_filters({});
         host_bus().set_filters({});  // the simulated host listens to nobody; taps see all
     }
     ~VirtualMachine() override { catch_up(); }

@@ -133,7 +133,9 @@ class Simulation {
     model::RobotParameters& parameters() { return parameters_; }
     sim::World& world() { return *world_; }
     SimulatedHost& host() { return *host_; }
-    sim::InProcessBus& bus();                                 // virtual time only; the firmware is endpoint 0
+    // The drives' bus; virtual time only. Endpoint 0 is the firmware, 1 the robot, 2 the host where it shares
+    // the bus, 3 a node that belongs to nobody.
+    sim::InProcessBus& bus();
     // Between a node and its endpoint; of options.faulty_buses. `host`: the firmware's end of its host bus,
     // where it has one of its own, else the same as `firmware`.
     enum class Node : std::uint8_t { firmware, robot, host };

@@ -62,7 +62,12 @@ std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
     for (const TortureKind* kind : kinds) {
         KindSummary sum;
         sum.kind = kind;
-        std::map<std::string, std::size_t> seen;
+        struct Broken {
+            std::map<std::string, std::size_t> modes;  // runs
+            std::string first;
+            std::size_t runs = 0;
+        };
+        std::map<std::string, Broken> rules;
         for (const TortureResult& r : results) {
             if (r.kind != kind->name) continue;
             ++sum.runs;
@@ -76,14 +81,17 @@ std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
             for (const std::string& violation : r.violations) {
                 const std::string rule = violation.substr(0, violation.find(':'));
                 if (rule == "false trip") ++sum.false_trips;
-                if (seen[rule]++ == 0)
-                    sum.examples.push_back("seed " + std::to_string(r.seed) + " (" + r.setup + "): " + violation);
+                Broken& broken = rules[rule];
+                if (broken.runs++ == 0)
+                    broken.first = "seed " + std::to_string(r.seed) + " (" + r.setup + ") " + violation;
+                ++broken.modes[r.setup.substr(0, r.setup.find(','))];
             }
         }
-        for (std::string& example : sum.examples) {
-            const std::size_t at = example.find("): ") + 3;
-            const std::string rule = example.substr(at, example.find(':', at) - at);
-            if (seen[rule] > 1) example += " [" + std::to_string(seen[rule]) + " runs]";
+        for (const auto& [rule, broken] : rules) {
+            std::string modes;
+            for (const auto& [mode, runs] : broken.modes)
+                modes += (modes.empty() ? "" : ", ") + mode + " " + std::to_string(runs);
+            sum.examples.push_back(std::to_string(broken.runs) + " runs (" + modes + "), first " + broken.first);
         }
         all.push_back(std::move(sum));
     }

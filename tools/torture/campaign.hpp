@@ -35,7 +35,7 @@ struct KindSummary {
     std::size_t runs = 0, stopped = 0, false_trips = 0, violated = 0;
     double longest_zero_s = 0;
     double largest_deviation_m = 0;  // of those that went on
-    std::vector<std::string> examples;  // "seed 17: late: torque for ..."; the first of each rule
+    std::vector<std::string> examples;  // of each rule: runs by mode, and the first of them
 };
 std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
                                    const std::vector<TortureResult>& results);

@@ -59,8 +59,12 @@ class Driver {
             if (scene_.sim().cycle().supervisor().mode() == Mode::fault) break;
         }
         ++result_.refused;
-        note(mode, "not entered, " + std::string(protocol::to_string_view(
-                                         scene_.sim().cycle().supervisor().blocker())));
+        const protocol::Status status = scene_.sim().cycle().report().status;
+        note(mode, "not entered: " + std::string(protocol::to_string_view(status.state)) + ", " +
+                       std::string(protocol::to_string_view(status.fault)) + ", " +
+                       std::string(protocol::to_string_view(status.blocker)) + ", drives " +
+                       std::string(protocol::to_string_view(status.drive_left)) + " and " +
+                       std::string(protocol::to_string_view(status.drive_right)));
         return false;
     }
 

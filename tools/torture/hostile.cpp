@@ -135,7 +135,7 @@ class Hostility {
     void be_hostile() {
         valid_now_ = false;
         Simulation& sim = scene_.sim();
-        send(sim.bus().endpoint(2), kDriveBusFrames);
+        send(sim.bus().endpoint(3), kDriveBusFrames);
         if (setup_.separate_host_bus) send(sim.host_bus(), kHostBusFrames);
         if (random_.bits() % 64 == 0) {
             sim.bus().inject_error_frame(1U << random_.bits() % 9);

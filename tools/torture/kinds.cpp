@@ -157,10 +157,10 @@ constexpr std::array kKinds{
                 [](Scene& s) { s.sim().emergency_stop().set(hal::LineLevel::unknown); }, nullptr, two_cycles,
                 "2 cycles"},
     TortureKind{"stop_message", "EmergencyStop from the host", Expect::stops, "emergency_stop_message",
-                [](Scene& s) { s.sim().host().emergency_stop(); }, nullptr, two_cycles, "2 cycles"},
+                [](Scene& s) { s.sim().host().emergency_stop(); }, nullptr, two_cycles, "2 cycles after the frame", From::told},
     TortureKind{"stop_on_drive_bus", "EmergencyStop on the drives' bus", Expect::stops,
                 "emergency_stop_message", [](Scene& s) { s.foreign(stop_frame()); }, nullptr, two_cycles,
-                "2 cycles"},
+                "2 cycles after the frame", From::told},
     TortureKind{"stop_and_clear", "stop, clear and a mode in one cycle", Expect::stops,
                 "emergency_stop_message",
                 [](Scene& s) {
@@ -168,7 +168,7 @@ constexpr std::array kKinds{
                     s.sim().host().clear_fault();
                     s.sim().host().mode(s.setup().mode);
                 },
-                nullptr, two_cycles, "2 cycles"},
+                nullptr, two_cycles, "2 cycles after the frame", From::told},
     TortureKind{"clear_and_stop", "a mode, clear and stop in one cycle", Expect::stops,
                 "emergency_stop_message",
                 [](Scene& s) {
@@ -176,7 +176,7 @@ constexpr std::array kKinds{
                     s.sim().host().clear_fault();
                     s.sim().host().emergency_stop();
                 },
-                nullptr, two_cycles, "2 cycles"},
+                nullptr, two_cycles, "2 cycles after the frame", From::told},
     TortureKind{"stop_in_a_fault", "the host falls silent and the encoders' frames stop, then a stop message",
                 Expect::stops, "emergency_stop_message",
                 [](Scene& s) {
@@ -631,7 +631,7 @@ constexpr std::array kKinds{
                     random_mode(s);
                     random_setpoints(s);
                 },
-                two_cycles, "2 cycles"},
+                two_cycles, "2 cycles after the frame", From::told},
     TortureKind{"clear_while_driving", "ClearFault in each millisecond", Expect::serves, "", nullptr,
                 [](Scene& s) { s.second_host(protocol::ClearFault{}); }},
     TortureKind{"commits_while_driving", "parameters are written and committed in each millisecond",
@@ -720,7 +720,18 @@ constexpr std::array kKinds{
                     s.foreign(s.to_drive(s.setup().side, odrive::SetControllerMode::command, 2, 1));
                 },
                 nullptr, outvoted, "5 ms"},
-    TortureKind{"foreign_arming", "a second host arms both drives and gives them torques, for ever",
+    TortureKind{"foreign_arming", "a second host arms both drives again and again and gives them torques",
+                Expect::stops, kForeignNames, nullptr,
+                [](Scene& s) {
+                    const std::size_t side = static_cast<std::size_t>(++s.count % 2);
+                    if (s.count % 10 < 2) {
+                        s.foreign(s.to_drive(side, odrive::SetAxisState::command, kClosedLoop, 0, 4));
+                        s.foreign(s.to_drive(side, odrive::SetControllerMode::command, kTorqueControl, 1));
+                    }
+                    repeat_setpoint(s, side, 0.5F);
+                },
+                outvoted, "5 ms"},
+    TortureKind{"foreign_arming_flood", "the same in each millisecond, which fills a shared bus",
                 Expect::stops, kForeignNames, nullptr,
                 [](Scene& s) {
                     const std::size_t side = static_cast<std::size_t>(++s.count % 2);

@@ -58,7 +58,7 @@ class Scene {
     }
 
     // A frame on the drives' bus that neither firmware, drive nor host sends.
-    void foreign(const hal::CanFrame& frame) { sim_.bus().endpoint(2).send(frame); }
+    void foreign(const hal::CanFrame& frame) { sim_.bus().endpoint(3).send(frame); }
     hal::CanFrame to_drive(std::size_t side, std::uint32_t command, std::uint32_t first,
                            std::uint32_t second = 0, std::uint8_t length = 8) const;
     // A command of a second host, with a good checksum and counter.
@@ -77,8 +77,12 @@ class Scene {
         if (!told_s_) told_s_ = since_s();
     }
     std::optional<double> told_s() const { return told_s_; }
-    void begin_harm() { harm_s_ = sim_.time_s(); }
-    double since_s() const { return sim_.time_s() - harm_s_; }  // since the injection
+    void tell_at(std::int64_t now_ns) {
+        if (!told_s_) told_s_ = since_s(now_ns);
+    }
+    void begin_harm() { harm_ns_ = sim_.now_ns(); }
+    double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
+    double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }
     // Everything as before the injection, but for what the robot has gone through.
     void restore();
 
@@ -93,7 +97,7 @@ class Scene {
     SceneSetup setup_;
     sim::Random random_;
     Simulation sim_;
-    double harm_s_ = 0;
+    std::int64_t harm_ns_ = 0;
     std::optional<double> told_s_;
     std::uint8_t alive_ = 7;
 };

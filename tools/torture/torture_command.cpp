@@ -61,6 +61,9 @@ std::string expectation(const TortureKind& kind) {
     return "";
 }
 
+// Where none is stated, a stop may come at any time.
+bool has_bound(const KindSummary& sum) { return sum.stopped > 0 && sum.kind->bound_s != nullptr; }
+
 void write_page(const std::string& path, const std::vector<KindSummary>& sums, const Options& options) {
     report::Page page("Torture", "Faults at random moments of a drive, judged by the simulated robots' truth.");
     std::size_t runs = 0;
@@ -78,7 +81,7 @@ void write_page(const std::string& path, const std::vector<KindSummary>& sums, c
         false_trips += sum.false_trips;
         table.rows.push_back({std::string(sum.kind->name), std::string(sum.kind->what), expectation(*sum.kind),
                               std::to_string(sum.runs), std::to_string(sum.stopped),
-                              sum.stopped > 0 ? number_text(std::round(1e4 * sum.longest_zero_s) / 10) : "",
+                              has_bound(sum) ? number_text(std::round(1e4 * sum.longest_zero_s) / 10) : "",
                               {std::to_string(sum.violated),
                                sum.violated > 0 ? report::Tone::bad : report::Tone::good}});
         for (const std::string& example : sum.examples)
@@ -145,7 +148,7 @@ int run_campaign(const Options& options, std::vector<const TortureKind*> kinds) 
     for (const KindSummary& sum : sums) {
         violated += sum.violated;
         report.row({std::string(sum.kind->name), std::int64_t(sum.runs), std::int64_t(sum.stopped),
-                    sum.stopped > 0 ? Cell(std::round(1e4 * sum.longest_zero_s) / 10) : Cell(std::string("-")),
+                    has_bound(sum) ? Cell(std::round(1e4 * sum.longest_zero_s) / 10) : Cell(std::string("-")),
                     sum.stopped < sum.runs ? Cell(std::round(1e3 * sum.largest_deviation_m) / 1e3)
                                            : Cell(std::string("-")),
                     std::int64_t(sum.false_trips), std::int64_t(sum.violated), expectation(*sum.kind)});
@@ -158,7 +161,7 @@ int run_campaign(const Options& options, std::vector<const TortureKind*> kinds) 
     if (!report.publish(options.json)) return kMachineLacks;
     for (const KindSummary& sum : sums) {
         for (const std::string& example : sum.examples)
-            std::printf("%s, %s\n", std::string(sum.kind->name).c_str(), example.c_str());
+            std::printf("%s: %s\n", std::string(sum.kind->name).c_str(), example.c_str());
     }
     for (const std::string& seed : outcome.not_driven) std::printf("not driven: %s\n", seed.c_str());
     if (interrupted()) {

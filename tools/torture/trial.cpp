@@ -64,6 +64,11 @@ class Judge final : public sim::BusTap {
         mix(std::uint64_t(event.end_ns));
         mix(frame.id | std::uint64_t{frame.length} << 32U);
         for (std::size_t i = 0; i < frame.length; ++i) mix(frame.data[i]);
+        if (harmed_) look_at_torque(event.end_ns);
+        // A stop counts from when it can be heard.
+        if (harmed_ && event.sender >= 2 && frame.id == protocol::EmergencyStop::id && !frame.extended &&
+            !frame.remote)
+            scene_.tell_at(event.end_ns);
         const std::uint32_t command = frame.id & 0x1FU;
         const bool of_drive = frame.id >> 5U == scene_.node(0) || frame.id >> 5U == scene_.node(1);
         if (!of_drive || frame.extended || frame.remote || frame.length < 4) return;
@@ -81,7 +86,7 @@ class Judge final : public sim::BusTap {
             frame.length == 8) {
             std::uint32_t error = 0;
             std::memcpy(&error, frame.data.data(), 4);
-            if (error != 0 || frame.data[4] != 8) scene_.tell();
+            if (error != 0 || frame.data[4] != 8) scene_.tell_at(event.end_ns);
         }
     }
 
@@ -112,7 +117,7 @@ class Judge final : public sim::BusTap {
                 violate("left its area", text("%.2f m for %.2f", away_m, p.ident.distance_limit_m));
         }
 
-        if (torque_Nm > 0) last_torque_s_ = now_s;
+        look_at_torque(scene_.sim().now_ns());
         const bool driven = supervisor.may_drive() || supervisor.ramping();
         undriven_s_ = driven ? 0 : undriven_s_ + kCycle_s;
         const double latency_s = scene_.setup().simulation.command_latency_s;
@@ -151,12 +156,25 @@ class Judge final : public sim::BusTap {
         result_.story.push_back(text("%8.1f ms  VIOLATION ", 1e3 * scene_.since_s()) + result_.violations.back());
     }
 
+    // When torque was last seen, and when it was then seen to be gone.
     double last_torque_s() const { return last_torque_s_; }
+    double no_torque_s() const { return no_torque_s_; }
     double rim() const { return rim_; }
     const std::vector<Fault>& faults() const { return faults_; }
     std::uint64_t hash() const { return hash_; }
 
   private:
+    // At each frame's end and each cycle's: some tenths of a millisecond apart.
+    void look_at_torque(std::int64_t now_ns) {
+        if (true_torque_Nm(scene_.sim().world()) > 0) {
+            last_torque_s_ = scene_.since_s(now_ns);
+            gone_ = false;
+        } else if (!gone_) {
+            gone_ = true;
+            no_torque_s_ = scene_.since_s(now_ns);
+        }
+    }
+
     Scene& scene_;
     const TortureKind& kind_;
     TortureResult& result_;
@@ -164,6 +182,8 @@ class Judge final : public sim::BusTap {
     bool harmed_ = false;
     std::uint64_t hash_ = 0xCBF29CE484222325U;
     double last_torque_s_ = -1;
+    double no_torque_s_ = 0;
+    bool gone_ = true;
     double undriven_s_ = 0;
     double rim_ = 0;
     Fault fault_ = Fault::none;
@@ -205,7 +225,11 @@ void recover(Scene& scene, Judge& judge) {
         return supervisor.mode() == Mode::velocity &&
                std::abs(sim.world().twist().v_m_per_s - wanted) < 0.1 * wanted + 0.01;
     };
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 4; ++i) {
+        if (supervisor.mode() == Mode::fault) {  // cleared too early
+            sim.host().clear_fault();
+            sim.run_for(0.05, sample);
+        }
         sim.host().mode(Mode::velocity);
         if (sim.run_until(there, 2, sample)) return;
     }
@@ -271,7 +295,8 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     result.quicker_m_per_s = judge.rim() - untouched.fastest_rim_m_per_s;
     if (kind.bound_s != nullptr) result.bound_s = kind.bound_s(scene);
     const double from_s = kind.from == From::told ? scene.told_s().value_or(0) : 0;
-    if (result.stopped) result.zero_s = std::max(0.0, judge.last_torque_s() + kCycle_s - from_s);
+    const double latency_s = untouched.setup.simulation.command_latency_s;
+    if (result.stopped) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
 
     for (const Fault fault : judge.faults()) {
         const std::string_view name = protocol::to_string_view(fault);
@@ -283,8 +308,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     if (kind.expect == Expect::stops) {
         if (!result.stopped)
             judge.violate("goes on", "no fault, " + std::string(protocol::to_string_view(supervisor.mode())));
-        // A sample without torque comes up to a cycle after the torque has gone.
-        const double bound_s = result.bound_s + untouched.setup.simulation.command_latency_s;
+        const double bound_s = result.bound_s + latency_s;
         if (judge.last_torque_s() - from_s > bound_s + 1e-9)
             judge.violate("late", text("torque for %.1f ms, bound %.1f", 1e3 * (judge.last_torque_s() - from_s),
                                        1e3 * bound_s));

@@ -27,7 +27,9 @@ struct TortureResult {
     std::string setup;
     bool stopped = false;    // a fault was latched, or the drive ended otherwise than untouched
     std::string fault;       // as the firmware names it
-    double zero_s = 0;       // first sample without torque for good, from where the bound counts; if it stopped
+    // When the torque is seen to be gone for good, from where the bound counts and without the drive's own
+    // latency; if it stopped.
+    double zero_s = 0;
     double bound_s = 0;      // 0: none is stated
     double quicker_m_per_s = 0;  // of a rim, than in the untouched drive
     double deviation_m = 0;      // if it did not stop
