@@ -1,5 +1,6 @@
 #include "tools/torture/healthy.hpp"
 
+#include "firmware/control/limits.hpp"
 #include "firmware/control/trajectory.hpp"
 #include "tools/sim/experiments.hpp"
 #include "tools/torture/scene.hpp"
@@ -87,13 +88,14 @@ class Driver {
         const auto idle = [&] {
             return supervisor.mode() == Mode::idle && supervisor.phase() == supervisor::Phase::steady;
         };
-        for (int i = 0; i < 50 && !idle(); ++i) {
+        for (int i = 0; i < 5 && !idle(); ++i) {
             if (supervisor.mode() == Mode::fault) {
                 sim.host().clear_fault();
             } else {
                 sim.host().mode(Mode::idle);
             }
-            sim.run_until(idle, 0.2);
+            // Asked again, the ramp's limit begins anew.
+            sim.run_until(idle, 2 * control::braking_time_s(scene_.setup().believed) + 1);
         }
         sim.run_for(uniform(0.1, 1));
         // Rooms are finite; somebody carries it back.

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <set>
 
 #include "tools/sim/experiments.hpp"
 #include "tools/torture/scene.hpp"
@@ -19,6 +20,7 @@ using protocol::Mode;
 constexpr std::uint64_t kHostileStream = 0x73;
 // Beside the robot's own frames there is room for so many in a millisecond at 1 Mbit/s.
 constexpr std::uint64_t kDriveBusFrames = 2, kHostBusFrames = 6;
+constexpr std::uint64_t kFramesAtATime = 1000;
 constexpr double kSpeedShare = 0.2;   // of the limit, while driving
 constexpr double kGrace_s = 0.003;
 // What a foreign host can do with a drive before it is told to be idle; as ChainTrust has it.
@@ -31,13 +33,14 @@ constexpr std::array kStated{Fault::emergency_stop_message, Fault::foreign_contr
 
 class Hostility {
   public:
-    Hostility(HostilePlan plan, std::uint64_t seed, HostileResult& result)
+    Hostility(HostilePlan plan, std::uint64_t seed, std::uint64_t part, HostileResult& result)
         : result_(result),
           harmless_(plan == HostilePlan::idle_harmless || plan == HostilePlan::driving_harmless),
           drives_(plan == HostilePlan::driving_harmless || plan == HostilePlan::driving_all),
           setup_(five(seed)),
           scene_(setup_),
-          random_(seed, kHostileStream) {
+          random_(seed, kHostileStream + 256 * part),
+          valid_before_(result.valid_commands) {
         result.plan = plan;
         result.setup = setup_.text();
     }
@@ -53,11 +56,12 @@ class Hostility {
         for (const model::ParameterInfo& info : model::parameter_table())
             parameters_.push_back(info.get(sim.parameters()));
         std::int64_t ms = 0;
-        while (result_.frames < frames) {
+        const std::uint64_t end = result_.frames + frames;
+        while (result_.frames < end) {
             be_hostile();
             sim.step();
             judge();
-            if (++ms % 1000 == 0 && !harmless_) keep_going();
+            if (++ms % 100 == 0 && !harmless_) keep_going();
         }
         calm_down();
         check_parameters();
@@ -70,6 +74,7 @@ class Hostility {
     }
 
     void violate(const std::string& rule, const std::string& what) {
+        if (broken_.insert(rule).second) ++result_.broken[rule];
         for (const std::string& known : result_.violations) {
             if (known.starts_with(rule + ":")) return;
         }
@@ -125,15 +130,11 @@ class Hostility {
             if (harmless_ && acts(frame)) continue;
             if (bus.send(frame) != hal::CanStatus::ok) return;
             ++result_.frames;
-            if (is_valid_command(frame)) {
-                ++result_.valid_commands;
-                valid_now_ = true;
-            }
+            if (is_valid_command(frame)) ++result_.valid_commands;
         }
     }
 
     void be_hostile() {
-        valid_now_ = false;
         Simulation& sim = scene_.sim();
         send(sim.bus().endpoint(3), kDriveBusFrames);
         if (setup_.separate_host_bus) send(sim.host_bus(), kHostBusFrames);
@@ -166,7 +167,7 @@ class Hostility {
         }
         const bool driven = supervisor.may_drive() || supervisor.ramping();
         undriven_s_ = driven ? 0 : undriven_s_ + task::kCyclePeriod_s;
-        const bool reached = result_.valid_commands > 0;  // from then on the mode is anybody's
+        const bool reached = result_.valid_commands > valid_before_;  // from then on the mode is anybody's
         if (harmless_ && !reached) {
             const Mode mode = drives_ ? Mode::velocity : Mode::idle;
             if (supervisor.mode() != mode)
@@ -223,6 +224,8 @@ class Hostility {
             }
             sim.run_for(0.1);
         }
+        sim.host().clear_fault();  // in idle: the drives' errors
+        sim.run_for(0.2);
         if (!set_off() && !set_off())
             violate("no way out", std::string(protocol::to_string_view(supervisor.mode())) + ", " +
                                       std::string(protocol::to_string_view(supervisor.fault())) + ", " +
@@ -232,7 +235,7 @@ class Hostility {
     }
 
     void check_parameters() {
-        if (result_.valid_commands > 0) return;
+        if (result_.valid_commands > valid_before_) return;
         std::size_t i = 0;
         for (const model::ParameterInfo& info : model::parameter_table()) {
             if (info.get(scene_.sim().parameters()) != parameters_[i++])
@@ -245,10 +248,11 @@ class Hostility {
     SceneSetup setup_;
     Scene scene_;
     sim::Random random_;
+    std::uint64_t valid_before_;
     double wanted_m_per_s_ = 0;
     double undriven_s_ = 0;
     double foreign_s_ = 0;
-    bool valid_now_ = false;
+    std::set<std::string> broken_;
     Fault fault_ = Fault::none;
     std::vector<double> parameters_;
 };
@@ -257,7 +261,11 @@ class Hostility {
 
 HostileResult be_hostile(HostilePlan plan, std::uint64_t seed, std::uint64_t frames) {
     HostileResult result;
-    Hostility(plan, seed, result).run(frames);
+    const bool all = plan == HostilePlan::idle_all || plan == HostilePlan::driving_all;
+    for (std::uint64_t part = 0; result.frames < frames; ++part) {
+        const std::uint64_t left = frames - result.frames;
+        Hostility(plan, seed, part, result).run(all ? std::min<std::uint64_t>(left, kFramesAtATime) : left);
+    }
     return result;
 }
 

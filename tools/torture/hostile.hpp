@@ -24,10 +24,12 @@ struct HostileResult {
     std::uint64_t valid_commands = 0;  // that random bytes have made: a checksum is right once in 256
     std::map<std::string, std::uint64_t> faults;
     double fastest_rim_m_per_s = 0;
-    std::vector<std::string> violations;
+    std::map<std::string, std::uint64_t> broken;  // rules, and how often
+    std::vector<std::string> violations;          // the first of each rule
 };
 
-// Layout and generation take turns with the seed.
+// Layout and generation take turns with the seed. Where all identifiers come, the robot is switched on anew after
+// each thousand frames: what is latched for good must not hide the rest.
 HostileResult be_hostile(HostilePlan plan, std::uint64_t seed, std::uint64_t frames);
 
 // Resident memory of this process; 0 where the system does not tell.

@@ -21,16 +21,23 @@ constexpr std::uint32_t kEncoder = odrive::GetEncoderEstimates::command;
 constexpr std::uint32_t kTorqueControl = 1;
 constexpr std::uint32_t kClosedLoop = 8;
 // What the wire and the queues in front of it still hold when a jam ends, in the longest frames.
-constexpr double kWaiting_s = (16 + 24) * 0.000135;
+constexpr double kFrame_s = 0.000138;  // with eight bytes at 1 Mbit/s
+constexpr double kWaiting_s = (16 + 24) * kFrame_s;
 
 // ---- bounds
 double two_cycles(const Scene&) { return 2 * kCycle_s; }
-double feedback_timeout(const Scene& s) { return s.setup().believed.safety.stale_feedback_s + kCycle_s; }
-double silence_timeout(const Scene& s) { return s.setup().believed.drive.heartbeat_timeout_s + kCycle_s; }
+// From the beginning of the cycle that knows to the end of both torques' frames.
+double way(const Scene& s) { return s.setup().believed.realtime.send_phase_s + 2 * kFrame_s; }
+double feedback_timeout(const Scene& s) {
+    return s.setup().believed.safety.stale_feedback_s + kCycle_s + way(s);
+}
+double silence_timeout(const Scene& s) {
+    return s.setup().believed.drive.heartbeat_timeout_s + kCycle_s + way(s);
+}
 double command_timeout(const Scene& s) {
     const double period_ms = s.setup().mode == Mode::pose ? protocol::PoseGoal::cycle_time_ms
                                                           : protocol::VelocityCommand::cycle_time_ms;
-    return 1e-3 * period_ms * s.setup().believed.safety.stale_command_cycles + kCycle_s;
+    return 1e-3 * period_ms * s.setup().believed.safety.stale_command_cycles + kCycle_s + way(s);
 }
 // The drives count in milliseconds of their own.
 double watchdogs(const Scene& s) { return s.setup().truth.drive.watchdog_timeout_s + 2 * kCycle_s; }
@@ -39,8 +46,9 @@ double deaf_watchdog(const Scene& s) {
 }
 double jam(const Scene& s) { return std::min(s.amount + kWaiting_s + 2 * kCycle_s, watchdogs(s)); }
 double implausible(const Scene&) { return 0.1; }
-double three_missed(const Scene&) { return 2 * kCycle_s; }
-double ramp(const Scene& s) { return 2 * control::braking_time_s(s.setup().believed) + 0.5; }
+double ramp(const Scene& s) {
+    return 2 * control::braking_time_s(s.setup().believed) + 0.5 + 2 * kCycle_s + way(s);
+}
 double outvoted(const Scene&) { return 0.005; }
 
 // ---- small tools
@@ -128,6 +136,20 @@ void random_mode(Scene& s) {
     s.second_host(command);
 }
 
+// Idle, at rest, and then the mode again: true at a random moment of the arming.
+void begin_arming(Scene& s) {
+    s.amount = s.uniform(0, 60);
+    s.sim().host().mode(Mode::idle);
+    s.sim().world().plant().place(s.sim().world().pose(), {});
+}
+bool while_arming(Scene& s) {
+    const auto& supervisor = s.sim().cycle().supervisor();
+    const bool idle = supervisor.mode() == Mode::idle && supervisor.phase() == supervisor::Phase::steady;
+    if (s.count == 0 && idle) s.sim().host().mode(s.setup().mode);
+    if (s.count > 0 || idle || s.since_s() > 0.8) ++s.count;
+    return s.count == 1 + std::int64_t(s.amount);
+}
+
 void parameter(Scene& s, protocol::ParameterOperation operation, std::uint16_t index = 0, float value = 0) {
     protocol::ParameterRequest request;
     request.operation = operation;
@@ -177,6 +199,12 @@ constexpr std::array kKinds{
                     s.sim().host().emergency_stop();
                 },
                 nullptr, two_cycles, "2 cycles after the frame", From::told},
+    TortureKind{"stop_while_arming", "a stop message while the drives are armed anew", Expect::stops,
+                "emergency_stop_message", begin_arming,
+                [](Scene& s) {
+                    if (while_arming(s)) s.sim().host().emergency_stop();
+                },
+                two_cycles, "2 cycles after the frame", From::told, 1.5},
     TortureKind{"stop_in_a_fault", "the host falls silent and the encoders' frames stop, then a stop message",
                 Expect::stops, "emergency_stop_message",
                 [](Scene& s) {
@@ -186,14 +214,29 @@ constexpr std::array kKinds{
                 [](Scene& s) {
                     if (++s.count == 50) s.sim().host().emergency_stop();
                 },
-                feedback_timeout, "feedback's time-out + 1 cycle"},
+                feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"terminated", "the process is asked to end", Expect::stops, "terminated",
                 [](Scene& s) { s.sim().cycle().request_termination(); }, nullptr, ramp, "the braking ramp",
                 From::harm, 2.5, 0.1, false, true},
+    TortureKind{"idle", "the host asks for idle", Expect::rests, "",
+                [](Scene& s) { s.sim().host().mode(Mode::idle); }, nullptr, ramp, "the braking ramp",
+                From::harm, 1},
+    TortureKind{"idle_repeated", "it asks for idle in each tenth of a second", Expect::rests, "", nullptr,
+                [](Scene& s) {
+                    if (++s.count % 100 == 1) s.sim().host().mode(Mode::idle);
+                },
+                ramp, "the braking ramp", From::harm, 1},
     // ---- drives
     TortureKind{"drive_error", "a drive finds a fault of its own", Expect::stops, "drive_error",
                 [](Scene& s) { s.drive().raise_error(s.setup().truth.drive.generation == 5 ? 0x40 : 0x10); },
                 nullptr, two_cycles, "2 cycles after its heartbeat", From::told},
+    TortureKind{"drive_error_while_arming", "a drive finds a fault while it is armed anew", Expect::obeys,
+                "drive_error,arming_refused,drive_left_armed_state", begin_arming,
+                [](Scene& s) {
+                    if (while_arming(s))
+                        s.drive().raise_error(s.setup().truth.drive.generation == 5 ? 0x40 : 0x10);
+                },
+                nullptr, "", From::harm, 1.5},
     TortureKind{"drive_under_voltage", "a drive stops as its supply sinks", Expect::stops, "drive_error",
                 [](Scene& s) { s.drive().raise_error(s.setup().truth.drive.generation == 5 ? 0x2 : 0x200); },
                 nullptr, two_cycles, "2 cycles after its heartbeat", From::told},
@@ -207,7 +250,7 @@ constexpr std::array kKinds{
                 nullptr, two_cycles, "2 cycles after its heartbeat", From::told},
     TortureKind{"drive_off", "a drive loses its supply", Expect::stops, kSilenceNames,
                 [](Scene& s) { s.drive().faults().powered_off = true; }, nullptr, feedback_timeout,
-                "feedback's time-out + 1 cycle"},
+                "feedback's time-out + 1 cycle and the way"},
     TortureKind{"drive_reboots", "a drive is off for 30 to 300 ms and comes back idle", Expect::stops,
                 kSilenceNames,
                 [](Scene& s) {
@@ -215,7 +258,7 @@ constexpr std::array kKinds{
                     s.amount = s.uniform(30, 300);
                 },
                 [](Scene& s) { s.drive().faults().powered_off = ++s.count < std::int64_t(s.amount); },
-                feedback_timeout, "feedback's time-out + 1 cycle"},
+                feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"drive_blinks", "a drive is off for 2 to 8 ms and comes back idle, at position 0",
                 Expect::stops, "drive_left_armed_state,encoder_implausible,stale_feedback",
                 [](Scene& s) {
@@ -235,7 +278,7 @@ constexpr std::array kKinds{
                     s.amount = s.uniform(30, 300);
                 },
                 [](Scene& s) { s.drive().faults().powered_off = ++s.count < std::int64_t(s.amount); },
-                feedback_timeout, "feedback's time-out + 1 cycle"},
+                feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"drive_blinks_armed", "the same within 2 to 8 ms", Expect::either,
                 "drive_left_armed_state,encoder_implausible,stale_feedback,foreign_control",
                 [](Scene& s) {
@@ -247,7 +290,7 @@ constexpr std::array kKinds{
                 nullptr, "", From::harm, 1, 1},
     TortureKind{"drive_mute", "a drive sends nothing and obeys", Expect::stops, kSilenceNames,
                 [](Scene& s) { s.drive().faults().mute = true; }, nullptr, feedback_timeout,
-                "feedback's time-out + 1 cycle"},
+                "feedback's time-out + 1 cycle and the way"},
     TortureKind{"drive_deaf", "a drive hears nothing", Expect::stops, "drive_error,drive_left_armed_state",
                 [](Scene& s) { s.drive().faults().deaf = true; }, nullptr, deaf_watchdog,
                 "its watchdog, its heartbeat + 2 cycles", From::harm, 1, 0.1, true},
@@ -255,12 +298,12 @@ constexpr std::array kKinds{
                 [](Scene& s) {
                     hears(s, kHeartbeat, [](Scene&, hal::ReceivedFrame&) { return Deal::lose; });
                 },
-                nullptr, silence_timeout, "heartbeat's time-out + 1 cycle"},
+                nullptr, silence_timeout, "heartbeat's time-out + 1 cycle and the way"},
     TortureKind{"no_encoder_frames", "a drive's encoder frames are lost", Expect::stops, "stale_feedback",
                 [](Scene& s) {
                     hears(s, kEncoder, [](Scene&, hal::ReceivedFrame&) { return Deal::lose; });
                 },
-                nullptr, feedback_timeout, "feedback's time-out + 1 cycle"},
+                nullptr, feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"no_torque_reports", "the drives' torque reports are lost", Expect::serves, "",
                 [](Scene& s) {
                     all_of(s.firmware_bus(), s, [](Scene&, hal::ReceivedFrame& r) {
@@ -317,7 +360,7 @@ constexpr std::array kKinds{
                         return Deal::pass;
                     });
                 },
-                nullptr, feedback_timeout, "feedback's time-out + 1 cycle"},
+                nullptr, feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"lie_speed", "the drive's own speed estimate is random, its position true", Expect::serves,
                 "",
                 [](Scene& s) {
@@ -414,7 +457,7 @@ constexpr std::array kKinds{
                         return Deal::pass;
                     });
                 },
-                nullptr, feedback_timeout, "feedback's time-out + 1 cycle"},
+                nullptr, feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"short_heartbeats", "a drive's heartbeats lose bytes", Expect::stops, "drive_silent",
                 [](Scene& s) {
                     hears(s, kHeartbeat, [](Scene& scene, hal::ReceivedFrame& r) {
@@ -422,7 +465,7 @@ constexpr std::array kKinds{
                         return Deal::pass;
                     });
                 },
-                nullptr, silence_timeout, "heartbeat's time-out + 1 cycle"},
+                nullptr, silence_timeout, "heartbeat's time-out + 1 cycle and the way"},
     TortureKind{"extended_and_remote", "extended and remote frames with the identifiers of drives and host",
                 Expect::serves, "", nullptr,
                 [](Scene& s) {
@@ -514,7 +557,7 @@ constexpr std::array kKinds{
                 [](Scene& s) { s.sim().bus().set_receive_latency(0, 500'000, 500'000); }},
     TortureKind{"long_delay", "frames reach the firmware 15 ms late", Expect::stops, "stale_feedback",
                 [](Scene& s) { s.sim().bus().set_receive_latency(0, 15'000'000, 0); }, nullptr,
-                feedback_timeout, "feedback's time-out + 1 cycle"},
+                feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"late_torques", "the drives hear 1 ms late", Expect::serves, "",
                 [](Scene& s) { s.sim().bus().set_receive_latency(1, 1'000'000, 0); }, nullptr, nullptr, "",
                 From::harm, 1, 0.3},
@@ -560,13 +603,13 @@ constexpr std::array kKinds{
                     s.sim().stall(s.uniform(0.005, 0.04));
                     s.tell();
                 },
-                nullptr, three_missed, "2 cycles after it runs again", From::told},
+                nullptr, two_cycles, "2 cycles after it runs again", From::told},
     TortureKind{"stall_long", "it stands still for 300 ms", Expect::stops, "cycle_overrun",
                 [](Scene& s) {
                     s.sim().stall(0.3);
                     s.tell();
                 },
-                nullptr, three_missed, "the drives' watchdogs; 2 cycles after it runs again", From::told},
+                nullptr, two_cycles, "2 cycles after it runs again", From::told},
     TortureKind{"overruns", "each twentieth cycle is missed", Expect::stops, "cycle_overrun", nullptr,
                 [](Scene& s) {
                     if (++s.count % 20 != 0) return;
@@ -595,7 +638,7 @@ constexpr std::array kKinds{
                         return Deal::pass;
                     });
                 },
-                nullptr, feedback_timeout, "feedback's time-out + 1 cycle"},
+                nullptr, feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"clock_shakes", "receive times are off by up to 2 ms, each otherwise", Expect::either,
                 "encoder_implausible,over_speed",
                 [](Scene& s) {
@@ -612,7 +655,7 @@ constexpr std::array kKinds{
                     s.sim().host().external_poses(false);
                     s.undo = [&s] { s.sim().host().external_poses(true); };
                 },
-                nullptr, command_timeout, "the set-points' time-out + 1 cycle"},
+                nullptr, command_timeout, "the set-points' time-out + 1 cycle and the way"},
     TortureKind{"second_host_drives", "a second host sends set-points and poses in each millisecond",
                 Expect::obeys, "over_speed,stale_command,encoder_implausible", nullptr, random_setpoints},
     TortureKind{"second_host_modes", "a second host asks for another mode in each millisecond",

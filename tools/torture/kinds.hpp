@@ -13,6 +13,7 @@ enum class Expect : std::uint8_t {
     stops,     // zero torque within the bound, a fault with one of the names
     serves,    // goes on as if nothing were, but for `deviation_m`
     either,    // one of the two, and no rule broken; a fault has one of the names
+    rests,     // the mode idle and zero torque within the bound, and no fault
     obeys,     // the mode may change as asked; no rule broken, and a fault has one of the names
 };
 

@@ -51,6 +51,8 @@ std::string expectation(const TortureKind& kind) {
     switch (kind.expect) {
         case Expect::stops:
             return std::string(kind.bound);
+        case Expect::rests:
+            return "rests within " + std::string(kind.bound);
         case Expect::serves:
             return "goes on";
         case Expect::either:
@@ -62,7 +64,7 @@ std::string expectation(const TortureKind& kind) {
 }
 
 // Where none is stated, a stop may come at any time.
-bool has_bound(const KindSummary& sum) { return sum.stopped > 0 && sum.kind->bound_s != nullptr; }
+bool has_bound(const KindSummary& sum) { return (sum.stopped > 0 || sum.kind->expect == Expect::rests) && sum.kind->bound_s != nullptr; }
 
 void write_page(const std::string& path, const std::vector<KindSummary>& sums, const Options& options) {
     report::Page page("Torture", "Faults at random moments of a drive, judged by the simulated robots' truth.");
@@ -260,7 +262,8 @@ int run_hostile(const Options& options) {
         for (const auto& [name, count] : r.faults)
             faults += (faults.empty() ? "" : ", ") + name + " " + std::to_string(count);
         std::string broken;
-        for (const std::string& violation : r.violations) broken += (broken.empty() ? "" : "; ") + violation;
+        for (const auto& [rule, count] : r.broken)
+            broken += (broken.empty() ? "" : ", ") + rule + " " + std::to_string(count);
         report.row({std::string(kPlans[std::size_t(r.plan)]), r.setup, std::int64_t(r.frames),
                     std::int64_t(r.valid_commands), r.fastest_rim_m_per_s,
                     std::round(static_cast<double>(memory[i]) / 1e4) / 100, faults, broken});
@@ -271,6 +274,10 @@ int run_hostile(const Options& options) {
     report.add("frames", "frames", std::int64_t(frames));
     report.add("violations", "violations", std::int64_t(violations));
     if (!report.publish(options.json)) return kMachineLacks;
+    for (const HostileResult& r : results) {
+        for (const std::string& violation : r.violations)
+            std::printf("%s (%s): %s\n", kPlans[std::size_t(r.plan)], r.setup.c_str(), violation.c_str());
+    }
     return violations == 0 && !interrupted() ? kDone : kAimMissed;
 }
 

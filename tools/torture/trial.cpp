@@ -226,7 +226,7 @@ void recover(Scene& scene, Judge& judge) {
                std::abs(sim.world().twist().v_m_per_s - wanted) < 0.1 * wanted + 0.01;
     };
     for (int i = 0; i < 4; ++i) {
-        if (supervisor.mode() == Mode::fault) {  // cleared too early
+        if (i > 0) {  // cleared too early, or a drive still has its error
             sim.host().clear_fault();
             sim.run_for(0.05, sample);
         }
@@ -279,7 +279,10 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     judge.sample(true);
     result.story.push_back("     0.0 ms  " + std::string(kind.what));
     if (kind.inject != nullptr) kind.inject(scene);
-    sim.run_for(kind.lasts_s, [&] {
+    // A ramp takes as long as the robot needs.
+    const double lasts_s =
+        kind.expect == Expect::rests ? std::max(kind.lasts_s, kind.bound_s(scene) + 0.5) : kind.lasts_s;
+    sim.run_for(lasts_s, [&] {
         judge.sample(true);
         if (kind.each != nullptr) kind.each(scene);
         const std::size_t i = static_cast<std::size_t>(std::max(0.0, std::round(scene.since_s() / kCycle_s) - 1));
@@ -303,7 +306,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
         // A later fault may take the name of the first: the emergency stop.
         const bool last = fault == judge.faults().back();
         if (last && !names(kind.names, name))
-            judge.violate(kind.expect == Expect::serves ? "false trip" : "name", std::string(name));
+            judge.violate(kind.expect == Expect::serves || kind.expect == Expect::rests ? "false trip" : "name", std::string(name));
     }
     if (kind.expect == Expect::stops) {
         if (!result.stopped)
@@ -313,8 +316,16 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
             judge.violate("late", text("torque for %.1f ms, bound %.1f", 1e3 * (judge.last_torque_s() - from_s),
                                        1e3 * bound_s));
     }
+    if (kind.expect == Expect::rests) {
+        result.zero_s = std::max(0.0, judge.no_torque_s() - latency_s);
+        const double bound_s = result.bound_s + latency_s;
+        if (supervisor.mode() != Mode::idle || judge.last_torque_s() > bound_s + 1e-9)
+            judge.violate("late", text("torque for %.1f ms, bound %.1f, ", 1e3 * judge.last_torque_s(),
+                                       1e3 * bound_s) +
+                                      std::string(protocol::to_string_view(supervisor.mode())));
+    }
     const bool may_stop = kind.expect != Expect::serves;
-    if (kind.expect != Expect::obeys) {
+    if (kind.expect != Expect::obeys && kind.expect != Expect::rests) {
         if (!result.stopped && !may_stop) {
             // A drive that ends by itself, an identification, may end a little earlier or later.
             const bool ended = supervisor.mode() == Mode::idle && untouched.setup.mode == Mode::ident;
