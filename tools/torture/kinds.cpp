@@ -20,9 +20,9 @@ constexpr std::uint32_t kHeartbeat = odrive::Heartbeat::command;
 constexpr std::uint32_t kEncoder = odrive::GetEncoderEstimates::command;
 constexpr std::uint32_t kTorqueControl = 1;
 constexpr std::uint32_t kClosedLoop = 8;
-// What the wire and the queues in front of it still hold when a jam ends, in the longest frames.
 constexpr double kFrame_s = 0.000138;  // with eight bytes at 1 Mbit/s
-constexpr double kWaiting_s = (16 + 24) * kFrame_s;
+// What still waits when a jam ends: of the jam, extended; of everybody else.
+constexpr double kWaiting_s = 16 * 0.000163 + 24 * kFrame_s;
 
 // ---- bounds
 double two_cycles(const Scene&) { return 2 * kCycle_s; }
@@ -34,17 +34,23 @@ double feedback_timeout(const Scene& s) {
 double silence_timeout(const Scene& s) {
     return s.setup().believed.drive.heartbeat_timeout_s + kCycle_s + way(s);
 }
+// The drives count in milliseconds of their own.
+double watchdogs(const Scene& s) {
+    return s.setup().truth.drive.watchdog_timeout_s + 2 * kCycle_s + way(s);
+}
 double command_timeout(const Scene& s) {
     const double period_ms = s.setup().mode == Mode::pose ? protocol::PoseGoal::cycle_time_ms
                                                           : protocol::VelocityCommand::cycle_time_ms;
     return 1e-3 * period_ms * s.setup().believed.safety.stale_command_cycles + kCycle_s + way(s);
 }
-// The drives count in milliseconds of their own.
-double watchdogs(const Scene& s) { return s.setup().truth.drive.watchdog_timeout_s + 2 * kCycle_s; }
 double deaf_watchdog(const Scene& s) {
     return watchdogs(s) + 1e-3 * s.setup().truth.drive.heartbeat_period_ms + 2 * kCycle_s;
 }
-double jam(const Scene& s) { return std::min(s.amount + kWaiting_s + 2 * kCycle_s, watchdogs(s)); }
+// Frames that wait when a jam ends still feed the watchdogs.
+double jam(const Scene& s) {
+    const bool ends_first = s.amount < watchdogs(s);
+    return ends_first ? s.amount + kWaiting_s + 2 * kCycle_s + way(s) : watchdogs(s);
+}
 double implausible(const Scene&) { return 0.1; }
 double ramp(const Scene& s) {
     return 2 * control::braking_time_s(s.setup().believed) + 0.5 + 2 * kCycle_s + way(s);
@@ -90,6 +96,20 @@ hal::CanFrame stop_frame() {
     hal::CanFrame frame;
     frame.id = protocol::EmergencyStop::id;
     return frame;
+}
+
+// Wins the wire against all drives, and is for none of them: a standard 0 would feed the watchdog of node 0.
+hal::CanFrame lowest() {
+    hal::CanFrame frame;
+    frame.extended = true;
+    frame.length = 8;
+    frame.data = {};
+    return frame;
+}
+
+void jam_bus(Scene& s) {
+    const hal::CanFrame first = lowest();
+    for (int i = 0; i < 16 && s.since_s() < s.amount; ++i) s.foreign(first);
 }
 
 void repeat_setpoint(Scene& s, std::size_t side, float torque_Nm) {
@@ -219,7 +239,11 @@ constexpr std::array kKinds{
                 [](Scene& s) { s.sim().cycle().request_termination(); }, nullptr, ramp, "the braking ramp",
                 From::harm, 2.5, 0.1, false, true},
     TortureKind{"idle", "the host asks for idle", Expect::rests, "",
-                [](Scene& s) { s.sim().host().mode(Mode::idle); }, nullptr, ramp, "the braking ramp",
+                [](Scene& s) {
+                    s.sim().host().mode(Mode::idle);  // one of the two has a counter that is new
+                    s.sim().host().mode(Mode::idle);
+                },
+                nullptr, ramp, "the braking ramp",
                 From::harm, 1},
     TortureKind{"idle_repeated", "it asks for idle in each tenth of a second", Expect::rests, "", nullptr,
                 [](Scene& s) {
@@ -512,21 +536,17 @@ constexpr std::array kKinds{
                     if (++s.count == std::int64_t(s.amount)) s.sim().bus().set_down(0, false);
                 },
                 watchdogs, "the drives' watchdogs", From::harm, 1, 0.1, true},
-    TortureKind{"bus_jam", "lower identifiers fill the drives' bus for 8 to 100 ms", Expect::stops,
+    TortureKind{"bus_jam", "lower identifiers fill the drives' bus for 12 to 100 ms", Expect::stops,
                 "bus_down,stale_feedback,drive_silent",
-                [](Scene& s) { s.amount = s.uniform(0.012, 0.1); },
                 [](Scene& s) {
-                    if (s.since_s() > s.amount) return;
-                    hal::CanFrame first;
-                    first.length = 8;
-                    for (int i = 0; i < 16; ++i) s.foreign(first);
+                    s.amount = s.uniform(0.012, 0.1);
+                    jam_bus(s);
                 },
-                jam, "the jam, what waits, + 2 cycles, or the watchdogs", From::harm, 1, 0.1, true},
+                jam_bus,
+                jam, "the jam, what waits, + 2 cycles; the watchdogs in a longer one", From::harm, 1, 0.1, true},
     TortureKind{"bus_flood", "a lower identifier takes half of the drives' bus", Expect::serves, "", nullptr,
                 [](Scene& s) {
-                    hal::CanFrame first;
-                    first.length = 8;
-                    for (int i = 0; i < 2; ++i) s.foreign(first);
+                    for (int i = 0; i < 2; ++i) s.foreign(lowest());
                 }},
     TortureKind{"transmit_refused", "the transmit queue takes nothing any more", Expect::stops, "bus_down",
                 [](Scene& s) {
@@ -547,7 +567,7 @@ constexpr std::array kKinds{
                 [](Scene& s) { lose_some(s, 0.01); }},
     TortureKind{"loss_20_percent", "one frame of five is lost, each way", Expect::either,
                 "stale_command,stale_feedback,drive_silent,encoder_implausible",
-                [](Scene& s) { lose_some(s, 0.2); }, nullptr, nullptr, "", From::harm, 1, 0.5},
+                [](Scene& s) { lose_some(s, 0.2); }, nullptr, nullptr, "", From::harm, 1, 0.5, true},
     TortureKind{"loss_burst", "everything is lost for 5 ms", Expect::serves, "",
                 [](Scene& s) { lose_some(s, 1); },
                 [](Scene& s) {
@@ -587,12 +607,12 @@ constexpr std::array kKinds{
                 }},
     TortureKind{"error_frames", "an error frame in each millisecond", Expect::serves, "", nullptr,
                 [](Scene& s) { s.sim().bus().inject_error_frame(sim::InProcessBus::error_bus); }},
-    TortureKind{"destroyed_frames", "one frame of ten is destroyed on the wire and repeated", Expect::serves,
+    TortureKind{"destroyed_frames", "one frame of thirty is destroyed on the wire and repeated", Expect::serves,
                 "",
                 [](Scene& s) {
                     sim::FaultRule rule;
                     rule.action = sim::FaultAction::destroy;
-                    rule.probability = 0.1;
+                    rule.probability = 1.0 / 30;
                     s.sim().bus().add_fault(rule);
                 }},
     // ---- time
@@ -694,7 +714,9 @@ constexpr std::array kKinds{
                     const auto table = model::parameter_table();
                     const model::ParameterInfo& info = table[s.random().bits() % table.size()];
                     // A robot's limits may be changed by who may change parameters.
-                    if (info.key.starts_with("limits.") || info.key.starts_with("geometry.")) return;
+                    if (info.key.starts_with("limits.") || info.key.starts_with("geometry.") ||
+                        info.key.starts_with("drive."))
+                        return;
                     parameter(s, protocol::ParameterOperation::write, info.index,
                               static_cast<float>(s.uniform(info.minimum, std::min(info.maximum, 1e3))));
                     parameter(s, protocol::ParameterOperation::commit);
