@@ -69,11 +69,11 @@ struct SimOdriveConfig {
 
 // What can be made to fail. All of them start and end at once.
 struct SimOdriveFaults {
-    bool mute = false;             // sends nothing, obeys still
-    bool deaf = false;             // receives nothing
-    bool frozen_encoder = false;   // counts do not change
-    bool powered_off = false;      // mute, deaf and without torque; comes back idle, at position 0
-    bool reboots_armed = false;    // instead comes back in closed loop and torque control, as it may be set up
+    bool mute = false;            // sends nothing, obeys still
+    bool deaf = false;            // receives nothing
+    bool frozen_encoder = false;  // counts do not change
+    bool powered_off = false;     // mute, deaf and without torque; comes back idle, at position 0
+    bool reboots_armed = false;   // instead comes back in closed loop and torque control, as it may be set up
     bool motor_unplugged = false;  // ODrive#700: closed loop is left, and no error appears in the heartbeat
 };
 

@@ -57,8 +57,7 @@ TEST(FaultyBus, hands_everything_on_without_a_rule) {
 TEST(FaultyBus, what_is_received_is_lost_doubled_or_late) {
     const auto with = [](Deal deal) {
         Rig rig;
-        rig.faulty.on_receive(
-            [deal](hal::ReceivedFrame& r) { return r.frame.id == 2 ? deal : Deal::pass; });
+        rig.faulty.on_receive([deal](hal::ReceivedFrame& r) { return r.frame.id == 2 ? deal : Deal::pass; });
         rig.send_three();
         return Rig::received(rig.faulty);
     };

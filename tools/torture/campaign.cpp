@@ -39,8 +39,8 @@ TortureOutcome run_torture(const TortureCampaign& campaign,
                 by_seed[i].back().story = {};
             }
         } else {
-            problems[i] = "seed " + std::to_string(seed) + " (" + untouched.setup.text() +
-                          "): " + untouched.problem;
+            problems[i] =
+                "seed " + std::to_string(seed) + " (" + untouched.setup.text() + "): " + untouched.problem;
         }
         const std::scoped_lock lock(mutex);
         ++state.done;
@@ -91,7 +91,8 @@ std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
             std::string modes;
             for (const auto& [mode, runs] : broken.modes)
                 modes += (modes.empty() ? "" : ", ") + mode + " " + std::to_string(runs);
-            sum.examples.push_back(std::to_string(broken.runs) + " runs (" + modes + "), first " + broken.first);
+            sum.examples.push_back(std::to_string(broken.runs) + " runs (" + modes + "), first " +
+                                   broken.first);
         }
         all.push_back(std::move(sum));
     }

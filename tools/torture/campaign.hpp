@@ -20,7 +20,7 @@ struct TortureCampaign {
 };
 
 struct TortureOutcome {
-    std::vector<TortureResult> results;  // by seed, then kind; without their stories
+    std::vector<TortureResult> results;   // by seed, then kind; without their stories
     std::vector<std::string> not_driven;  // seeds whose robot does not drive even untouched, and why
 };
 
@@ -34,7 +34,7 @@ struct KindSummary {
     const TortureKind* kind = nullptr;
     std::size_t runs = 0, stopped = 0, false_trips = 0, violated = 0;
     double longest_zero_s = 0;
-    double largest_deviation_m = 0;  // of those that went on
+    double largest_deviation_m = 0;     // of those that went on
     std::vector<std::string> examples;  // of each rule: runs by mode, and the first of them
 };
 std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,

@@ -21,15 +21,15 @@ constexpr std::uint64_t kHostileStream = 0x73;
 // Beside the robot's own frames there is room for so many in a millisecond at 1 Mbit/s.
 constexpr std::uint64_t kDriveBusFrames = 2, kHostBusFrames = 6;
 constexpr std::uint64_t kFramesAtATime = 1000;
-constexpr double kSpeedShare = 0.2;   // of the limit, while driving
+constexpr double kSpeedShare = 0.2;  // of the limit, while driving
 constexpr double kGrace_s = 0.003;
 // What a foreign host can do with a drive before it is told to be idle; as ChainTrust has it.
 constexpr double kForeignSpeed_m_per_s = 0.3;
 // The true names of what such frames are.
 constexpr std::array kStated{Fault::emergency_stop_message, Fault::foreign_control, Fault::drive_error,
-                             Fault::drive_left_armed_state, Fault::drive_silent, Fault::stale_feedback,
-                             Fault::encoder_implausible, Fault::over_speed, Fault::arming_refused,
-                             Fault::stale_command, Fault::bus_down};
+                             Fault::drive_left_armed_state, Fault::drive_silent,    Fault::stale_feedback,
+                             Fault::encoder_implausible,    Fault::over_speed,      Fault::arming_refused,
+                             Fault::stale_command,          Fault::bus_down};
 
 class Hostility {
   public:
@@ -149,8 +149,8 @@ class Hostility {
         const auto& supervisor = sim.cycle().supervisor();
         const auto& p = setup_.believed;
         sim::World& world = sim.world();
-        const double torque_Nm = std::max(std::abs(world.left().torque_target_Nm()),
-                                          std::abs(world.right().torque_target_Nm()));
+        const double torque_Nm =
+            std::max(std::abs(world.left().torque_target_Nm()), std::abs(world.right().torque_target_Nm()));
         const double v = world.twist().v_m_per_s;
         const double omega = world.twist().omega_rad_per_s;
         const auto& radius = world.plant().actual().geometry.wheel_radius_m;
@@ -229,7 +229,8 @@ class Hostility {
         if (!set_off() && !set_off())
             violate("no way out", std::string(protocol::to_string_view(supervisor.mode())) + ", " +
                                       std::string(protocol::to_string_view(supervisor.fault())) + ", " +
-                                      std::string(protocol::to_string_view(supervisor.blocker())) + ", drives " +
+                                      std::string(protocol::to_string_view(supervisor.blocker())) +
+                                      ", drives " +
                                       std::to_string(int(sim.cycle().report().status.drive_left)) + " " +
                                       std::to_string(int(sim.cycle().report().status.drive_right)));
     }

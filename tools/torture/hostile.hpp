@@ -28,8 +28,8 @@ struct HostileResult {
     std::vector<std::string> violations;          // the first of each rule
 };
 
-// Layout and generation take turns with the seed. Where all identifiers come, the robot is switched on anew after
-// each thousand frames: what is latched for good must not hide the rest.
+// Layout and generation take turns with the seed. Where all identifiers come, the robot is switched on anew
+// after each thousand frames: what is latched for good must not hide the rest.
 HostileResult be_hostile(HostilePlan plan, std::uint64_t seed, std::uint64_t frames);
 
 // Resident memory of this process; 0 where the system does not tell.

@@ -1,9 +1,10 @@
 #include "tools/torture/kill_saves.hpp"
 
-#include <csignal>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <csignal>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <ctime>
@@ -19,9 +20,9 @@ namespace {
 
 constexpr const char* kFirst = "dynamics.k7_per_kg_m";
 constexpr const char* kSecond = "dynamics.k8_per_kg_m2";
-constexpr double kRatio = 2;         // of the second to the first, in each version of the file
-constexpr double kStep = 1.0 / 1024;  // from version to version, exact in binary
-constexpr double kLongest_s = 0.012;  // until the kill: some saves
+constexpr double kRatio = 2;             // of the second to the first, in each version of the file
+constexpr double kStep = 1.0 / 1024;     // from version to version, exact in binary
+constexpr std::uint64_t kMostSaves = 3;  // that a process may finish before it is killed
 
 std::vector<task::FileChange> version(std::uint64_t number) {
     const double value = 1 + kStep * static_cast<double>(number % 4096);
@@ -40,12 +41,19 @@ std::string complaint(const std::string& path, double& first) {
     return "";
 }
 
-[[noreturn]] void save_for_ever(const std::string& path, std::uint64_t from, int ready) {
+// Tells by a byte that it begins, and each save that is through.
+[[noreturn]] void save_for_ever(const std::string& path, std::uint64_t from, int tell) {
     const char byte = 1;
-    if (::write(ready, &byte, 1) != 1) ::_exit(1);
     for (std::uint64_t number = from;; ++number) {
+        if (::write(tell, &byte, 1) != 1) ::_exit(1);
         if (!task::save_robot_file(path, version(number)).empty()) ::_exit(1);
     }
+}
+
+double now_s() {
+    timespec now{};
+    ::clock_gettime(CLOCK_MONOTONIC, &now);
+    return static_cast<double>(now.tv_sec) + 1e-9 * static_cast<double>(now.tv_nsec);
 }
 
 }  // namespace
@@ -57,6 +65,7 @@ KillSavesResult kill_saves(const std::string& path, std::uint64_t kills, std::ui
     sim::Random random(seed);
     double last = 1;
     std::uint64_t number = 1;
+    double save_s = 0.003;  // that the last one took
     while (result.kills < kills) {
         std::array<int, 2> ready{};
         if (::pipe(ready.data()) != 0) {
@@ -66,18 +75,27 @@ KillSavesResult kill_saves(const std::string& path, std::uint64_t kills, std::ui
         const pid_t child = ::fork();
         if (child == 0) save_for_ever(path, number, ready[1]);
         ::close(ready[1]);
-        char byte = 0;
-        const bool begun = child > 0 && ::read(ready[0], &byte, 1) == 1;
-        ::close(ready[0]);
+        // Killed within the save that follows so many others.
+        const std::uint64_t saves = random.bits() % (kMostSaves + 1);
+        bool begun = child > 0;
+        double begin_s = now_s();
+        for (std::uint64_t i = 0; begun && i <= saves; ++i) {
+            char byte = 0;
+            begun = ::read(ready[0], &byte, 1) == 1;
+            if (i > 0) save_s = now_s() - begin_s;
+            begin_s = now_s();
+        }
         if (!begun) {
-            result.problem = "no child process";
+            ::close(ready[0]);
+            result.problem = "no child process, or it could not save";
             return result;
         }
-        timespec wait{0, static_cast<long>(1e9 * kLongest_s * random.uniform())};
+        const timespec wait{0, std::min(static_cast<long>(1.2e9 * save_s * random.uniform()), 900'000'000L)};
         ::nanosleep(&wait, nullptr);
         ::kill(child, SIGKILL);
         int status = 0;
         ::waitpid(child, &status, 0);
+        ::close(ready[0]);  // not before: a broken pipe would end it between two saves
         if (!WIFSIGNALED(status)) {
             result.problem = "the child could not save";
             return result;
@@ -89,7 +107,6 @@ KillSavesResult kill_saves(const std::string& path, std::uint64_t kills, std::ui
         if (!wrong.empty()) {
             ++result.broken;
             if (result.problem.empty()) result.problem = wrong;
-            result.problem += "";
             if (!task::save_robot_file(path, version(number)).empty()) return result;
         }
         if (first != last) ++result.saves_seen;

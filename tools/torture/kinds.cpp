@@ -35,9 +35,7 @@ double silence_timeout(const Scene& s) {
     return s.setup().believed.drive.heartbeat_timeout_s + kCycle_s + way(s);
 }
 // The drives count in milliseconds of their own.
-double watchdogs(const Scene& s) {
-    return s.setup().truth.drive.watchdog_timeout_s + 2 * kCycle_s + way(s);
-}
+double watchdogs(const Scene& s) { return s.setup().truth.drive.watchdog_timeout_s + 2 * kCycle_s + way(s); }
 double command_timeout(const Scene& s) {
     const double period_ms = s.setup().mode == Mode::pose ? protocol::PoseGoal::cycle_time_ms
                                                           : protocol::VelocityCommand::cycle_time_ms;
@@ -830,8 +828,8 @@ static_assert(kKinds.size() >= 40);
 std::span<const TortureKind> torture_kinds() { return kKinds; }
 
 const TortureKind* find_torture_kind(std::string_view name) {
-    const auto found =
-        std::find_if(kKinds.begin(), kKinds.end(), [&](const TortureKind& kind) { return kind.name == name; });
+    const auto found = std::find_if(kKinds.begin(), kKinds.end(),
+                                    [&](const TortureKind& kind) { return kind.name == name; });
     return found == kKinds.end() ? nullptr : &*found;
 }
 

@@ -74,8 +74,8 @@ SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
         setup.believed = robot.believed.parameters;
         setup.truth = robot.truth.parameters;
         setup.simulation = robot.truth.simulation;
-        const sim::Plant plant(sim::plant_from_dynamics(setup.truth.geometry, setup.truth.dynamics,
-                                                        setup.truth.effects));
+        const sim::Plant plant(
+            sim::plant_from_dynamics(setup.truth.geometry, setup.truth.dynamics, setup.truth.effects));
         identify(setup, seen_truth(robot, plant.actual()), robot.delay_s);
         return setup;
     }
@@ -83,8 +83,7 @@ SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
     setup.truth = standard_truth().parameters;
     setup.simulation = standard_truth().simulation;
     setup.believed.drive.generation = setup.truth.drive.generation = seed / 10 % 2 != 0 ? 5 : 6;
-    identify(setup,
-             as_seen_with(setup.truth.dynamics, setup.truth.geometry, setup.believed.geometry),
+    identify(setup, as_seen_with(setup.truth.dynamics, setup.truth.geometry, setup.believed.geometry),
              setup.simulation.command_latency_s + setup.simulation.torque_lag_s);
     return setup;
 }
@@ -156,7 +155,8 @@ bool Scene::drive_off() {
     }
     sim_.run_for(drives_s);
     if (sim_.cycle().supervisor().mode() != setup_.mode) {
-        problem = "left by itself: " + std::string(protocol::to_string_view(sim_.cycle().supervisor().fault()));
+        problem =
+            "left by itself: " + std::string(protocol::to_string_view(sim_.cycle().supervisor().fault()));
         return false;
     }
     return true;

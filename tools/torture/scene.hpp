@@ -16,8 +16,8 @@ namespace wheelwright::tools {
 
 enum class TorturedRobots : std::uint8_t { both, standard, drawn };
 
-// What a seed stands for. Mode, layout of the buses, generation and robot take turns, so that forty seeds in a
-// row meet each combination once; the rest is drawn.
+// What a seed stands for. Mode, layout of the buses, generation and robot take turns, so that forty seeds in
+// a row meet each combination once; the rest is drawn.
 struct SceneSetup {
     std::uint64_t seed = 1;
     protocol::Mode mode = protocol::Mode::velocity;

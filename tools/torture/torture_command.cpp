@@ -64,16 +64,19 @@ std::string expectation(const TortureKind& kind) {
 }
 
 // Where none is stated, a stop may come at any time.
-bool has_bound(const KindSummary& sum) { return (sum.stopped > 0 || sum.kind->expect == Expect::rests) && sum.kind->bound_s != nullptr; }
+bool has_bound(const KindSummary& sum) {
+    return (sum.stopped > 0 || sum.kind->expect == Expect::rests) && sum.kind->bound_s != nullptr;
+}
 
 void write_page(const std::string& path, const std::vector<KindSummary>& sums, const Options& options) {
-    report::Page page("Torture", "Faults at random moments of a drive, judged by the simulated robots' truth.");
+    report::Page page("Torture",
+                      "Faults at random moments of a drive, judged by the simulated robots' truth.");
     std::size_t runs = 0;
     std::size_t violated = 0;
     std::size_t false_trips = 0;
     report::Table table;
-    table.columns = {{"fault"},        {"what happens"},  {"what must follow"}, {"runs", true}, {"stopped", true},
-                     {"longest / ms", true}, {"violations", true}};
+    table.columns = {{"fault"},         {"what happens"},       {"what must follow"}, {"runs", true},
+                     {"stopped", true}, {"longest / ms", true}, {"violations", true}};
     report::Table broken;
     broken.columns = {{"fault"}, {"first run that breaks a rule"}};
     broken.stack_when_narrow = true;
@@ -81,11 +84,14 @@ void write_page(const std::string& path, const std::vector<KindSummary>& sums, c
         runs += sum.runs;
         violated += sum.violated;
         false_trips += sum.false_trips;
-        table.rows.push_back({std::string(sum.kind->name), std::string(sum.kind->what), expectation(*sum.kind),
-                              std::to_string(sum.runs), std::to_string(sum.stopped),
-                              has_bound(sum) ? number_text(std::round(1e4 * sum.longest_zero_s) / 10) : "",
-                              {std::to_string(sum.violated),
-                               sum.violated > 0 ? report::Tone::bad : report::Tone::good}});
+        table.rows.push_back(
+            {std::string(sum.kind->name),
+             std::string(sum.kind->what),
+             expectation(*sum.kind),
+             std::to_string(sum.runs),
+             std::to_string(sum.stopped),
+             has_bound(sum) ? number_text(std::round(1e4 * sum.longest_zero_s) / 10) : "",
+             {std::to_string(sum.violated), sum.violated > 0 ? report::Tone::bad : report::Tone::good}});
         for (const std::string& example : sum.examples)
             broken.rows.push_back({std::string(sum.kind->name), example});
     }
@@ -114,7 +120,8 @@ int replay(const Options& options, const TortureKind& kind) {
     std::printf("%s, seed %llu: %s\n", options.kind.c_str(), static_cast<unsigned long long>(options.seed),
                 result.setup.c_str());
     for (const std::string& line : result.story) std::printf("%s\n", line.c_str());
-    if (result.stopped) std::printf("zero torque after %.0f ms, fault %s\n", 1e3 * result.zero_s, result.fault.c_str());
+    if (result.stopped)
+        std::printf("zero torque after %.0f ms, fault %s\n", 1e3 * result.zero_s, result.fault.c_str());
     if (!result.stopped) std::printf("went on; at most %.3f m off its way\n", result.deviation_m);
     std::printf("bytes %016llx\n", static_cast<unsigned long long>(result.bytes));
     for (const std::string& violation : result.violations) std::printf("VIOLATION %s\n", violation.c_str());
@@ -203,10 +210,13 @@ int run_healthy(const Options& options) {
     {
         ProgressLine line;
         const auto count = counting(state, line, mutex, "robot");
-        in_parallel(kHealthyRobots, options.jobs, [] { return interrupted(); }, [&](std::size_t i) {
-            results[i] = drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots);
-            count(i);
-        });
+        in_parallel(
+            kHealthyRobots, options.jobs, [] { return interrupted(); },
+            [&](std::size_t i) {
+                results[i] =
+                    drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots);
+                count(i);
+            });
     }
     double driven_s = 0;
     std::size_t drives = 0;
@@ -236,12 +246,14 @@ int run_hostile(const Options& options) {
     {
         ProgressLine line;
         const auto count = counting(state, line, mutex, "run");
-        in_parallel(kRuns, options.jobs, [] { return interrupted(); }, [&](std::size_t i) {
-            results[i] = be_hostile(static_cast<HostilePlan>(i % kHostilePlans),
-                                    options.first_seed + i / kHostilePlans, options.hostile / kRuns);
-            memory[i] = resident_bytes();
-            count(i);
-        });
+        in_parallel(
+            kRuns, options.jobs, [] { return interrupted(); },
+            [&](std::size_t i) {
+                results[i] = be_hostile(static_cast<HostilePlan>(i % kHostilePlans),
+                                        options.first_seed + i / kHostilePlans, options.hostile / kRuns);
+                memory[i] = resident_bytes();
+                count(i);
+            });
     }
     constexpr std::array kPlans{"idle, harmless", "driving, harmless", "idle, all", "driving, all"};
     Report report("torture hostile");
@@ -290,10 +302,11 @@ int run_kill_saves(const Options& options) {
     std::filesystem::copy_file(WHEELWRIGHT_ROBOTS "/default.toml", path, failed);
     const KillSavesResult result = kill_saves(path, options.kill_saves, options.first_seed);
     std::filesystem::remove_all(folder, failed);
-    std::printf("%llu kills, %llu of them after a save was through, %llu broken files, %llu temporary files left\n",
-                static_cast<unsigned long long>(result.kills), static_cast<unsigned long long>(result.saves_seen),
-                static_cast<unsigned long long>(result.broken),
-                static_cast<unsigned long long>(result.temporary_left));
+    std::printf(
+        "%llu kills, %llu of them after a save was through, %llu broken files, %llu temporary files left\n",
+        static_cast<unsigned long long>(result.kills), static_cast<unsigned long long>(result.saves_seen),
+        static_cast<unsigned long long>(result.broken),
+        static_cast<unsigned long long>(result.temporary_left));
     if (!result.problem.empty()) std::fprintf(stderr, "wheelwright torture: %s\n", result.problem.c_str());
     return result.broken == 0 && result.problem.empty() ? kDone : kAimMissed;
 }
@@ -328,9 +341,11 @@ int run_command(const Options& options) {
 
 void add_torture(const CommandLine& program, Run& run) {
     const auto options = std::make_shared<Options>();
-    const CommandLine command = program.add_subcommand("torture", "Faults at random moments, judged by the truth");
+    const CommandLine command =
+        program.add_subcommand("torture", "Faults at random moments, judged by the truth");
     command.footer(
-        "Drives simulated robots, does something bad to each, and judges by the robots' true speed, place and\n"
+        "Drives simulated robots, does something bad to each, and judges by the robots' true speed, place "
+        "and\n"
         "torque (docs/torture.md). The same seed gives the same bytes.\n"
         "Exit status 3: a rule is broken.");
     command.add_option("--seeds", options->seeds, "So many seeds, each with every kind of fault")
@@ -348,11 +363,13 @@ void add_torture(const CommandLine& program, Run& run) {
         .show_default();
     command.add_option("--hostile", options->hostile, "Instead: so many hostile frames on the bus")
         .check(from_to("1", "1000000000"));
-    command.add_option("--healthy-hours", options->healthy_hours,
-                       "Instead: so many hours of normal driving on twenty drawn robots")
+    command
+        .add_option("--healthy-hours", options->healthy_hours,
+                    "Instead: so many hours of normal driving on twenty drawn robots")
         .check(from_to("0.01", "100000"));
-    command.add_option("--kill-saves", options->kill_saves,
-                       "Instead: so many processes killed while they save a robot file")
+    command
+        .add_option("--kill-saves", options->kill_saves,
+                    "Instead: so many processes killed while they save a robot file")
         .check(from_to("1", "1000000"));
     command.add_option("--jobs", options->jobs, "Seeds at a time; 0: as many as processors")
         .check(from_to("0", "1000"))

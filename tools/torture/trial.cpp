@@ -76,7 +76,7 @@ class Judge final : public sim::BusTap {
             float motor_Nm = 0;
             std::memcpy(&motor_Nm, frame.data.data(), 4);
             const auto& drive = frame.id >> 5U == scene_.node(0) ? scene_.setup().believed.drive.left
-                                                                  : scene_.setup().believed.drive.right;
+                                                                 : scene_.setup().believed.drive.right;
             const double limit_Nm =
                 scene_.setup().believed.limits.torque_Nm / (drive.gear_ratio * drive.torque_scale);
             if (!(std::abs(double{motor_Nm}) <= 1.001 * limit_Nm))
@@ -105,11 +105,13 @@ class Judge final : public sim::BusTap {
             violate("no number", "the true state");
         const double gain = 2 * p.limits.torque_Nm * kBelieved_s;
         // A robot that coasts is nobody's: with its mass behind the axle it swings round by itself.
-        if (torque_Nm > 0 && !(v <= p.safety.over_speed_m_per_s * (1 + kRoom) + gain * p.dynamics.k7_per_kg_m))
+        if (torque_Nm > 0 &&
+            !(v <= p.safety.over_speed_m_per_s * (1 + kRoom) + gain * p.dynamics.k7_per_kg_m))
             violate("too fast", text("%.2f m/s for a limit of %.2f", v, p.safety.over_speed_m_per_s));
-        if (torque_Nm > 0 && !(omega <= p.safety.over_yaw_rate_rad_per_s * (1 + kRoom) + gain * p.dynamics.k8_per_kg_m2))
-            violate("too fast", text("%.2f rad/s for a limit of %.2f", omega,
-                                     p.safety.over_yaw_rate_rad_per_s));
+        if (torque_Nm > 0 &&
+            !(omega <= p.safety.over_yaw_rate_rad_per_s * (1 + kRoom) + gain * p.dynamics.k8_per_kg_m2))
+            violate("too fast",
+                    text("%.2f rad/s for a limit of %.2f", omega, p.safety.over_yaw_rate_rad_per_s));
         const Pose<double>& pose = world.pose();
         if (watched && scene_.setup().mode == Mode::ident && kind_.expect != Expect::obeys &&
             p.ident.distance_limit_m > 0) {
@@ -126,8 +128,8 @@ class Judge final : public sim::BusTap {
         if (kind_.unreachable && watched)
             grace_s = std::max(grace_s, p.drive.watchdog_timeout_s + 2 * kCycle_s);
         if (torque_Nm > 0 && undriven_s_ > grace_s + 1e-9)
-            violate("torque at rest", text("%.2f Nm, %.0f ms after the last driven cycle", torque_Nm,
-                                           1e3 * undriven_s_));
+            violate("torque at rest",
+                    text("%.2f Nm, %.0f ms after the last driven cycle", torque_Nm, 1e3 * undriven_s_));
         if (watched) {
             rim_ = std::max(rim_, rim_m_per_s(world));
             if (supervisor.fault() != Fault::none && fault_ != supervisor.fault()) {
@@ -135,8 +137,8 @@ class Judge final : public sim::BusTap {
                 faults_.push_back(fault_);
             }
         }
-        if (supervisor.mode() != mode_ || supervisor.phase() != phase_ ||
-            supervisor.fault() != told_fault_ || (torque_Nm > 0) != torque_) {
+        if (supervisor.mode() != mode_ || supervisor.phase() != phase_ || supervisor.fault() != told_fault_ ||
+            (torque_Nm > 0) != torque_) {
             mode_ = supervisor.mode();
             phase_ = supervisor.phase();
             told_fault_ = supervisor.fault();
@@ -154,7 +156,8 @@ class Judge final : public sim::BusTap {
             if (known.starts_with(rule + ":")) return;  // once is enough
         }
         result_.violations.push_back(rule + ": " + what);
-        result_.story.push_back(text("%8.1f ms  VIOLATION ", 1e3 * scene_.since_s()) + result_.violations.back());
+        result_.story.push_back(text("%8.1f ms  VIOLATION ", 1e3 * scene_.since_s()) +
+                                result_.violations.back());
     }
 
     // When torque was last seen, and when it was then seen to be gone.
@@ -259,8 +262,8 @@ UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots) {
     });
     drive.mode_at_end = scene.sim().cycle().supervisor().mode();
     if (drive.mode_at_end == Mode::fault)
-        drive.problem = "untouched, " + std::string(protocol::to_string_view(
-                                            scene.sim().cycle().supervisor().fault()));
+        drive.problem =
+            "untouched, " + std::string(protocol::to_string_view(scene.sim().cycle().supervisor().fault()));
     return drive;
 }
 
@@ -288,12 +291,12 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     sim.run_for(lasts_s, [&] {
         judge.sample(true);
         if (kind.each != nullptr) kind.each(scene);
-        const std::size_t i = static_cast<std::size_t>(std::max(0.0, std::round(scene.since_s() / kCycle_s) - 1));
+        const std::size_t i =
+            static_cast<std::size_t>(std::max(0.0, std::round(scene.since_s() / kCycle_s) - 1));
         if (i < untouched.pose.size() && supervisor.may_drive()) {
             const Pose<double>& pose = sim.world().pose();
-            result.deviation_m =
-                std::max(result.deviation_m,
-                         std::hypot(pose.x_m - untouched.pose[i].x_m, pose.y_m - untouched.pose[i].y_m));
+            result.deviation_m = std::max(result.deviation_m, std::hypot(pose.x_m - untouched.pose[i].x_m,
+                                                                         pose.y_m - untouched.pose[i].y_m));
         }
     });
     result.fault = protocol::to_string_view(supervisor.fault());
@@ -309,23 +312,25 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
         // A later fault may take the name of the first: the emergency stop.
         const bool last = fault == judge.faults().back();
         if (last && !names(kind.names, name))
-            judge.violate(kind.expect == Expect::serves || kind.expect == Expect::rests ? "false trip" : "name", std::string(name));
+            judge.violate(
+                kind.expect == Expect::serves || kind.expect == Expect::rests ? "false trip" : "name",
+                std::string(name));
     }
     if (kind.expect == Expect::stops) {
         if (!result.stopped)
             judge.violate("goes on", "no fault, " + std::string(protocol::to_string_view(supervisor.mode())));
         const double bound_s = result.bound_s + latency_s;
         if (judge.last_torque_s() - from_s > bound_s + 1e-9)
-            judge.violate("late", text("torque for %.1f ms, bound %.1f", 1e3 * (judge.last_torque_s() - from_s),
-                                       1e3 * bound_s));
+            judge.violate("late", text("torque for %.1f ms, bound %.1f",
+                                       1e3 * (judge.last_torque_s() - from_s), 1e3 * bound_s));
     }
     if (kind.expect == Expect::rests) {
         result.zero_s = std::max(0.0, judge.no_torque_s() - latency_s);
         const double bound_s = result.bound_s + latency_s;
         if (supervisor.mode() != Mode::idle || judge.last_torque_s() > bound_s + 1e-9)
-            judge.violate("late", text("torque for %.1f ms, bound %.1f, ", 1e3 * judge.last_torque_s(),
-                                       1e3 * bound_s) +
-                                      std::string(protocol::to_string_view(supervisor.mode())));
+            judge.violate(
+                "late", text("torque for %.1f ms, bound %.1f, ", 1e3 * judge.last_torque_s(), 1e3 * bound_s) +
+                            std::string(protocol::to_string_view(supervisor.mode())));
     }
     const bool may_stop = kind.expect != Expect::serves;
     if (kind.expect != Expect::obeys && kind.expect != Expect::rests) {
@@ -341,8 +346,9 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
             judge.violate("off its way", text("%.3f m", result.deviation_m));
         const double gain = 2 * untouched.setup.believed.limits.torque_Nm * kBelieved_s;
         const auto& k = untouched.setup.believed.dynamics;
-        const double most = gain * (k.k7_per_kg_m + k.k8_per_kg_m2 * untouched.setup.believed.geometry.track_m / 2) +
-                            kRoom * untouched.fastest_rim_m_per_s;
+        const double most =
+            gain * (k.k7_per_kg_m + k.k8_per_kg_m2 * untouched.setup.believed.geometry.track_m / 2) +
+            kRoom * untouched.fastest_rim_m_per_s;
         if (result.quicker_m_per_s > most)
             judge.violate("quicker", text("by %.2f m/s, bound %.2f", result.quicker_m_per_s, most));
     }

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "tools/sim/experiments.hpp"
 #include "tools/torture/campaign.hpp"
 #include "tools/torture/healthy.hpp"
 #include "tools/torture/hostile.hpp"
@@ -46,7 +47,7 @@ constexpr Known kKnown[] = {
     {"heat_reported", 1, "goes on"},
     {"stall", 3, "name"},                        // stale_feedback
     {"stall_long", 1, "name"},                   // drive_silent
-    {"clock_forward", 1, "no way out"},          // until that time has come
+    {"clock_forward", 1, "no way out"},          // robot_moving, though it stands
     {"host_gone", 3, "goes on"},                 // identification and paths need no host
     {"long_delay", 185, "no way out"},           // robot_moving, though it stands
     {"foreign_arming", 44, "late"},              // told to be idle once, and then not for 50 ms
@@ -99,14 +100,14 @@ TEST(Torture, what_is_known_not_to_hold_does_not_hold_yet) {
         const TortureKind* kind = find_torture_kind(known.kind);
         CHECK_TEXT(kind != nullptr, known.kind);
         const TortureResult result = tortured(*kind, known.seed);
-        const bool breaks =
-            std::any_of(result.violations.begin(), result.violations.end(), [&](const std::string& violation) {
-                return violation.starts_with(std::string(known.rule) + ":");
-            });
-        CHECK_TEXT(breaks, (std::string(known.kind) + " begins to hold with seed " +
-                            std::to_string(known.seed) + ": run the campaign, then take its line away; now: " +
-                            all_of(result.violations))
-                               .c_str());
+        const bool breaks = std::any_of(result.violations.begin(), result.violations.end(),
+                                        [&](const std::string& violation) {
+                                            return violation.starts_with(std::string(known.rule) + ":");
+                                        });
+        CHECK_TEXT(breaks,
+                   (std::string(known.kind) + " begins to hold with seed " + std::to_string(known.seed) +
+                    ": run the campaign, then take its line away; now: " + all_of(result.violations))
+                       .c_str());
     }
 }
 
@@ -131,16 +132,17 @@ TEST(Torture, there_are_forty_kinds_and_no_two_of_one_name) {
 }
 
 // Rows that expect what does not happen: the judge must see each.
-TEST_GROUP(TortureJudge) {
-    static void sees(const TortureKind& kind, const std::string& rule, std::uint64_t seed = 1) {
-        const TortureResult result = tortured(kind, seed);
-        const bool seen =
-            std::any_of(result.violations.begin(), result.violations.end(),
-                        [&](const std::string& violation) { return violation.starts_with(rule + ":"); });
-        CHECK_TEXT(seen, (rule + " is not seen; but " + all_of(result.violations)).c_str());
-    }
-    static TortureKind like(const char* name) { return *find_torture_kind(name); }
-};
+TEST_GROUP(TortureJudge){
+    static void sees(const TortureKind& kind, const std::string& rule,
+                     std::uint64_t seed = 1){const TortureResult result = tortured(kind, seed);
+const bool seen =
+    std::any_of(result.violations.begin(), result.violations.end(),
+                [&](const std::string& violation) { return violation.starts_with(rule + ":"); });
+CHECK_TEXT(seen, (rule + " is not seen; but " + all_of(result.violations)).c_str());
+}
+static TortureKind like(const char* name) { return *find_torture_kind(name); }
+}
+;
 
 TEST(TortureJudge, a_stop_where_service_is_asked_for) {
     TortureKind kind = like("stop_line");
@@ -183,7 +185,7 @@ TEST(TortureJudge, a_robot_that_is_pushed_off_its_way_or_pushed_quicker) {
 }
 
 // Torque on a robot beyond the limits; one that coasts is nobody's.
-TEST(TortureJudge, a_robot_that_is_driven_too_fast) { sees(like("lie_sign"), "too fast", 34); }
+TEST(TortureJudge, a_robot_that_is_driven_too_fast) { sees(like("lie_half_speed"), "too fast", 71); }
 
 TEST(TortureJudge, a_robot_that_never_drives_again) {
     TortureKind kind = like("drive_error");
@@ -239,6 +241,28 @@ TEST(HealthyDriving, nothing_trips_with_one_frame_of_a_thousand_lost) {
     }
 }
 
+// An identification leaves both asymmetries beside the estimators' four columns, and a robot file may hold
+// more.
+TEST(HealthyDriving, telemetry_has_room_for_every_effect) {
+    const UntouchedDrive untouched = untouched_drive(1, TorturedRobots::standard);
+    SceneSetup setup = untouched.setup;
+    for (const char* name : {"torque_gain_mismatch", "cog_lateral"})
+        setup.believed.effects.active[model::find_effect(name)] = true;  // at 0, and known to be
+    for (const char* name : {"torque_gain_mismatch", "cog_lateral"})
+        setup.believed.effects_standard_error.parameter[model::find_effect(name)][0] = 1e-4;
+    Scene scene(setup);
+    scene.sim().run_for(0.5);
+    CHECK(enter_mode(scene.sim(), protocol::Mode::adaptive));
+    scene.sim().run_for(0.5);
+    std::size_t parameters = 0;
+    model::for_each_active_index(scene.sim().cycle().learning().estimate().effects.active,
+                                 [&](std::size_t i) { parameters += model::kEffects[i].parameters.size(); });
+    const task::CycleReport report = scene.sim().cycle().report();
+    CHECK(parameters >= 6);
+    CHECK_EQUAL(parameters, report.effect_count);
+    CHECK(report.effect_count <= report.effects.size());
+}
+
 TEST_GROUP(KilledSaves){};
 
 TEST(KilledSaves, the_robot_file_is_the_old_or_the_new_one) {
@@ -252,5 +276,5 @@ TEST(KilledSaves, the_robot_file_is_the_old_or_the_new_one) {
     CHECK_EQUAL_TEXT(std::string(), result.problem, result.problem.c_str());
     CHECK_EQUAL(60U, result.kills);
     CHECK_EQUAL(0U, result.broken);
-    CHECK(result.saves_seen > 10);  // or nothing was saved that could break
+    CHECK(result.saves_seen >= 30);  // or nothing was saved that could break
 }
