@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include "tools/sim/experiments.hpp"
 #include "tools/torture/campaign.hpp"
 #include "tools/torture/healthy.hpp"
 #include "tools/torture/hostile.hpp"
@@ -244,23 +243,9 @@ TEST(HealthyDriving, nothing_trips_with_one_frame_of_a_thousand_lost) {
 // An identification leaves both asymmetries beside the estimators' four columns, and a robot file may hold
 // more.
 TEST(HealthyDriving, telemetry_has_room_for_every_effect) {
-    const UntouchedDrive untouched = untouched_drive(1, TorturedRobots::standard);
-    SceneSetup setup = untouched.setup;
-    for (const char* name : {"torque_gain_mismatch", "cog_lateral"})
-        setup.believed.effects.active[model::find_effect(name)] = true;  // at 0, and known to be
-    for (const char* name : {"torque_gain_mismatch", "cog_lateral"})
-        setup.believed.effects_standard_error.parameter[model::find_effect(name)][0] = 1e-4;
-    Scene scene(setup);
-    scene.sim().run_for(0.5);
-    CHECK(enter_mode(scene.sim(), protocol::Mode::adaptive));
-    scene.sim().run_for(0.5);
     std::size_t parameters = 0;
-    model::for_each_active_index(scene.sim().cycle().learning().estimate().effects.active,
-                                 [&](std::size_t i) { parameters += model::kEffects[i].parameters.size(); });
-    const task::CycleReport report = scene.sim().cycle().report();
-    CHECK(parameters >= 6);
-    CHECK_EQUAL(parameters, report.effect_count);
-    CHECK(report.effect_count <= report.effects.size());
+    for (const model::EffectInfo& effect : model::kEffects) parameters += effect.parameters.size();
+    CHECK(task::CycleReport{}.effects.size() >= parameters);
 }
 
 TEST_GROUP(KilledSaves){};
