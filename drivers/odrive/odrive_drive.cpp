@@ -402,8 +402,8 @@ void OdriveDrive::take_requests(FrameSink& out) {
             to_idle_ = true;
             idle_sent_ = false;
             to_idle_since_ns_ = now_ns_;
-        } else if (disarm && !to_idle_) {
-            send_idle(out);
+        } else if (disarm) {
+            send_idle(out);  // somebody may have armed it since it was last told
         }
         if (clear) {
             send_clear_errors(out);
@@ -559,7 +559,7 @@ void OdriveDrive::command_torque(double torque_Nm, FrameSink& out) {
 }
 
 // Against all that was asked since the report before the last one: some of it has not been obeyed by this
-// report.
+// report. A drive that has stopped gives less, and says why in its next heartbeat: that is waited for.
 void OdriveDrive::judge_torque(double motor_torque_Nm) {
     if (phase_ != Phase::armed) return;
     const Asked now = asked_[0];
@@ -570,8 +570,10 @@ void OdriveDrive::judge_torque(double motor_torque_Nm) {
     const double size_Nm = std::abs(motor_torque_Nm);
     const bool more = size_Nm > 2 * std::max(now.most_Nm, before.most_Nm) + slack_Nm;
     const bool less = std::min(now.least_Nm, before.least_Nm) > 2 * slack_Nm && size_Nm < slack_Nm;
+    if (wrong_torques_ == 0) wrong_since_ns_ = now_ns_;
     wrong_torques_ = more || less ? wrong_torques_ + 1 : 0;
-    if (wrong_torques_ >= kWrongTorques) fail(DriveFault::torque_not_followed);
+    const bool goes_on = more || feedback_.heartbeat_time_ns > wrong_since_ns_;
+    if (wrong_torques_ >= kWrongTorques && goes_on) fail(DriveFault::torque_not_followed);
 }
 
 // --- state

@@ -204,6 +204,7 @@ class OdriveDrive final : public MotorDrive {
     };
     std::array<Asked, 2> asked_{};
     int wrong_torques_ = 0;  // reports in a row
+    std::int64_t wrong_since_ns_ = 0;
 
     bool to_idle_ = false;  // the axis has been told to go idle and has not said that it did
     bool idle_sent_ = false;

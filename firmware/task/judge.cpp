@@ -1,5 +1,6 @@
 #include "firmware/task/judge.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace wheelwright::task {
@@ -13,7 +14,8 @@ using drivers::DriveState;
 constexpr double kStandingShare = 0.1;
 constexpr int kStandingCycles = 20;
 constexpr double kSlowGain =
-    1.0 / 50;  // a cycle: what moves on or has stopped is known within a tenth of a second
+    1.0 / 50;  // a cycle: what moves on or has stopped is known within a tenth of a second,
+constexpr double kQuickShare = 10;  // as more than this times safety.clear_speed_m_per_s counts as that
 
 // An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
 // K8. Where the parameters are not amounts (a phase), one of them may well be 0.
@@ -71,8 +73,13 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
                std::abs(radius.right * speed_rad_per_s.right) <= limit_m_per_s;
     };
     // the encoders' noise at rest, which has no mean, is no motion
-    slow_wheels_.left += kSlowGain * (motion.wheel_speed_rad_per_s.left - slow_wheels_.left);
-    slow_wheels_.right += kSlowGain * (motion.wheel_speed_rad_per_s.right - slow_wheels_.right);
+    const auto follow = [&safety](double& slow, double speed_rad_per_s, double radius_m) {
+        const double most = kQuickShare * safety.clear_speed_m_per_s / radius_m;
+        slow += kSlowGain * (std::clamp(speed_rad_per_s, -most, most) - slow);
+        if (!std::isfinite(slow)) slow = speed_rad_per_s;  // as long as the observer is
+    };
+    follow(slow_wheels_.left, motion.wheel_speed_rad_per_s.left, evidence.wheel_radius_m.left);
+    follow(slow_wheels_.right, motion.wheel_speed_rad_per_s.right, evidence.wheel_radius_m.right);
     c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s);
     const bool stands = evidence.braking && rims_within(motion.wheel_speed_rad_per_s,
                                                         kStandingShare * safety.clear_speed_m_per_s);

@@ -42,6 +42,12 @@ enum class ReportPart : std::uint8_t {
 };
 inline constexpr std::size_t kReportParts = 12;
 
+inline constexpr std::size_t kEffectParameters = [] {
+    std::size_t total = 0;
+    for (const model::EffectInfo& effect : model::kEffects) total += effect.parameters.size();
+    return total;
+}();
+
 struct CycleReport {
     protocol::Status status;
     WheelPair<double> wheel_speed_rad_per_s;
@@ -52,8 +58,8 @@ struct CycleReport {
     Pose<double> tracking_error;  // x: along, y: across, in the reference's frame
     model::Dynamics<double> estimate;
     model::Dynamics<double> standard_error;
-    model::Dynamics<double> covariance;                                 // bare diagonal of P
-    std::array<EffectReport, model::kMaxEstimatedColumns + 1> effects;  // and cog_lateral
+    model::Dynamics<double> covariance;                   // bare diagonal of P
+    std::array<EffectReport, kEffectParameters> effects;  // all may be active
     std::size_t effect_count = 0;
     protocol::IdentStatus ident;
     std::array<double, protocol::ident_quantity_values.size()> ident_quantities{};

@@ -45,5 +45,6 @@ void add_record(const CommandLine& program, Run& run);
 void add_paper(const CommandLine& program, Run& run);
 void add_robots(const CommandLine& program, Run& run);
 void add_sim(const CommandLine& program, Run& run);
+void add_torture(const CommandLine& program, Run& run);
 
 }  // namespace wheelwright::tools

@@ -17,6 +17,7 @@ namespace {
 constexpr std::size_t kFirmware = 0;
 constexpr std::size_t kRobot = 1;
 constexpr std::size_t kHost = 2;
+constexpr std::size_t kForeign = 3;
 constexpr std::size_t kFirmwareQueue = 7;  // as SocketCanBus has it
 
 sim::InProcessBusOptions bus_options(double bit_rate, std::uint64_t seed) {
@@ -227,12 +228,13 @@ class Simulation::VirtualMachine final : public Machine {
   public:
     VirtualMachine(const model::RobotParameters& parameters, const SimulationOptions& options)
         : clock_(options.start_ns),
-          bus_(clock_, 3, bus_options(parameters.bus.bit_rate_bit_per_s, options.seed)) {
+          bus_(clock_, 4, bus_options(parameters.bus.bit_rate_bit_per_s, options.seed)) {
         if (options.separate_host_bus) {
             second_ = std::make_unique<sim::InProcessBus>(
                 clock_, 2, bus_options(parameters.bus.host_bit_rate_bit_per_s, options.seed + 1));
         }
         bus_.limit_transmit_queue(kFirmware, kFirmwareQueue);
+        bus_.endpoint(kForeign).set_filters({});
         host_bus().set_filters({});  // the simulated host listens to nobody; taps see all
     }
     ~VirtualMachine() override { catch_up(); }
@@ -331,13 +333,24 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
     world.seed = options.seed;
     world.start_ns = start_ns_;
     if (virtual_ == nullptr) world.latest_ns += options.rest_ns;
-    world_ = std::make_unique<sim::World>(truth, world, machine_->robot_bus());
+    hal::CanBus* firmware_bus = &machine_->firmware_bus();
+    hal::CanBus* robot_bus = &machine_->robot_bus();
+    hal::CanBus* host_bus = machine_->firmware_host_bus();
+    const auto make_faulty = [&](Node node, hal::CanBus*& bus) {
+        if (!options.faulty_buses || bus == nullptr) return;
+        faulty_[std::size_t(node)] = std::make_unique<sim::FaultyBus>(*bus);
+        bus = faulty_[std::size_t(node)].get();
+    };
+    make_faulty(Node::firmware, firmware_bus);
+    make_faulty(Node::robot, robot_bus);
+    make_faulty(Node::host, host_bus);
+    world_ = std::make_unique<sim::World>(truth, world, *robot_bus);
     machine_->attach(*world_);
     host_ = std::make_unique<SimulatedHost>(machine_->host_bus(), *world_);
     stop_line_ = std::make_unique<sim::SimInput>(machine_->clock());
     enable_line_ = std::make_unique<sim::SimOutput>(machine_->clock());
-    const task::CyclePorts ports{machine_->firmware_bus(),
-                                 machine_->firmware_host_bus(),
+    const task::CyclePorts ports{*firmware_bus,
+                                 host_bus,
                                  *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
                                  *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
                                  options.emergency_stop_line ? stop_line_.get() : nullptr,
@@ -381,6 +394,12 @@ void Simulation::stall(double duration_s) {
         clock.sleep_until_ns(std::min(end_ns, clock.now_ns() + task::kCyclePeriod_ns));
         host_->step(clock.now_ns());
     }
+    if (virtual_ != nullptr) world_->advance_to(clock.now_ns());
+}
+
+sim::FaultyBus& Simulation::faulty_bus(Node node) {
+    const bool shared = node == Node::host && faulty_[std::size_t(node)] == nullptr;
+    return *faulty_[std::size_t(shared ? Node::firmware : node)];
 }
 
 void Simulation::run_for(double duration_s, const std::function<void()>& each) {

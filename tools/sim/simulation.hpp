@@ -11,6 +11,7 @@
 // Threads: one. Nothing allocates after the constructor, unless a log is being written.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <cstdio>
 #include <functional>
@@ -22,6 +23,7 @@
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/task/cycle.hpp"
 #include "firmware/task/robot_file.hpp"
+#include "sim_hal/faulty_bus.hpp"
 #include "sim_hal/in_process_bus.hpp"
 #include "sim_hal/sim_line.hpp"
 #include "sim_hal/virtual_clock.hpp"
@@ -96,6 +98,7 @@ struct SimulationOptions {
     bool separate_host_bus = false;
     bool emergency_stop_line = false;
     bool drive_enable_line = false;
+    bool faulty_buses = false;      // virtual time; for Simulation::faulty_bus()
     std::string can_interface;      // "": virtual time; otherwise real time on this SocketCAN interface
     std::int64_t rest_ns = 50'000;  // in real time: the robot looks at the bus no more often than that
     std::string log_path;           // virtual time; "": no log; otherwise candump -L (a second bus as can1)
@@ -116,7 +119,7 @@ class Simulation {
     bool run_until(const std::function<bool()>& done, double at_most_s,
                    const std::function<void()>& each = {});
     void step();
-    // The firmware's computer stands still for a time; robot and host go on.
+    // The firmware does not run for a while, and everybody else does: the next cycle begins so late.
     void stall(double duration_s);
 
     // From then on step() throws TimeIsOver.
@@ -135,7 +138,13 @@ class Simulation {
     model::RobotParameters& parameters() { return parameters_; }
     sim::World& world() { return *world_; }
     SimulatedHost& host() { return *host_; }
-    sim::InProcessBus& bus();                                 // virtual time only; the firmware is endpoint 0
+    // The drives' bus; virtual time only. Endpoint 0 is the firmware, 1 the robot, 2 the host where it shares
+    // the bus, 3 a node that belongs to nobody.
+    sim::InProcessBus& bus();
+    // Between a node and its endpoint; of options.faulty_buses. `host`: the firmware's end of its host bus,
+    // where it has one of its own, else the same as `firmware`.
+    enum class Node : std::uint8_t { firmware, robot, host };
+    sim::FaultyBus& faulty_bus(Node node);
     hal::CanBus& host_bus() { return machine_->host_bus(); }  // for frames that SimulatedHost would not send
     sim::SimInput& emergency_stop() { return *stop_line_; }
     sim::SimOutput& drive_enable() { return *enable_line_; }
@@ -162,6 +171,7 @@ class Simulation {
     model::RobotParameters parameters_;
     VirtualMachine* virtual_ = nullptr;  // machine_, where it is that one
     std::unique_ptr<Machine> machine_;
+    std::array<std::unique_ptr<sim::FaultyBus>, 3> faulty_;  // by Node
     std::int64_t start_ns_;
     std::unique_ptr<sim::World> world_;
     drivers::DriveSlot left_;

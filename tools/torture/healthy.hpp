@@ -1,0 +1,27 @@
+// Normal driving, for hours: nothing is wrong, and nothing may trip.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace wheelwright::tools {
+
+struct HealthyResult {
+    std::uint64_t seed = 0;
+    std::string robot;
+    double driven_s = 0;
+    std::size_t drives = 0;          // modes entered
+    std::size_t refused = 0;         // modes that were not entered
+    std::vector<std::string> trips;  // "1234.5 s, velocity: over_speed"
+};
+
+// One robot, identified well, for a time: idle, velocities, goals, paths, adaptation and identification in
+// turn, with the noise of its file and a loss of one frame in a thousand.
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s);
+
+inline constexpr std::size_t kHealthyRobots = 20;
+inline constexpr double kHealthyLoss = 0.001;  // of the frames
+
+}  // namespace wheelwright::tools
