@@ -212,6 +212,16 @@ void SimOdrive::receive_command(const hal::CanFrame& frame, std::uint32_t comman
         case gen6::ClearErrors::command:
             clear_errors();
             break;
+        case gen6::SetAbsolutePosition::command:
+            if (faults_.keeps_its_count) break;
+            if (config_.generation == 6) {
+                gen6::SetAbsolutePosition request;
+                if (decode(frame, request)) set_position(double{request.position_rev});
+            } else {
+                gen5::SetLinearCount request;
+                if (decode(frame, request)) set_position(request.position / config_.counts_per_turn);
+            }
+            break;
         default:
             break;
     }
@@ -253,8 +263,7 @@ void SimOdrive::power_cycle() {
     input_torque_Nm_ = 0;
     pending_count_ = 0;
     fed_ns_ = tick_ns_;
-    origin_counts_ = last_counts_;
-    position_estimate_ = 0;
+    set_position(0);
     velocity_estimate_ = 0;
 }
 
@@ -337,9 +346,9 @@ void SimOdrive::reverse_encoder() {
     last_speed_ = -last_speed_;
 }
 
-void SimOdrive::zero_position() {
-    origin_counts_ = last_counts_;
-    position_estimate_ = 0;
+void SimOdrive::set_position(double motor_turns) {
+    position_estimate_ = told_position_ = motor_turns * config_.counts_per_turn;
+    origin_counts_ = last_counts_ - position_estimate_;
 }
 
 // The eight readings since the last millisecond. The wheel's path between the two known ends is the cubic
@@ -371,9 +380,23 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
         const double s = static_cast<double>(i + 1) * kStep;
         readings[i] = start + s * (last_speed_ + s * (c2 + s * c3)) + noise;
     }
+    if (faults_.encoder_scale != 1 || faults_.encoder_creep_rad_per_s != 0) {
+        const double crept = faults_.encoder_creep_rad_per_s * counts_per_rad_ * 1e-3;
+        for (std::size_t i = 0; i < kReadingsPerMs; ++i) {
+            const double s = static_cast<double>(i + 1) * kStep;
+            readings[i] = start + faults_.encoder_scale * (readings[i] - start) + s * crept;
+        }
+        origin_counts_ += (1 - faults_.encoder_scale) * moved - crept;
+    }
     if (faults_.frozen_encoder) {
         if (!was_frozen_) frozen_count_ = readings.back();
         readings.fill(frozen_count_);
+        if (faults_.flicker_counts > 0) {
+            const auto steps = static_cast<std::uint64_t>(2 * faults_.flicker_counts + 1);
+            for (double& reading : readings) {
+                reading += static_cast<double>(random_.bits() % steps) - faults_.flicker_counts;
+            }
+        }
     }
     was_frozen_ = faults_.frozen_encoder;
 
@@ -400,6 +423,7 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
     velocity_estimate_ = velocity;
     last_counts_ = counts;
     last_speed_ = speed;
+    if (!faults_.told_position_frozen) told_position_ = position;
 }
 
 void SimOdrive::retarget() {
@@ -457,8 +481,9 @@ void SimOdrive::send_heartbeat(drivers::FrameSink& out) const {
 
 void SimOdrive::send_encoder(drivers::FrameSink& out) const {
     gen6::GetEncoderEstimates estimates;  // the same in both generations
-    double turns = position_estimate_ / config_.counts_per_turn;
-    double turns_per_s = velocity_estimate_ / config_.counts_per_turn;
+    const SimOdrive& tells = faults_.told_by != nullptr ? *faults_.told_by : *this;
+    double turns = tells.told_position_ / config_.counts_per_turn;
+    double turns_per_s = faults_.told_speed_scale * tells.velocity_estimate_ / config_.counts_per_turn;
     if (!plain_report_) {
         if (config_.report_lag_s > 0)
             turns_per_s = report_memory_.reported_rad_per_s / config_.counts_per_turn;

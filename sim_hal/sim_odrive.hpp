@@ -74,13 +74,22 @@ struct SimOdriveConfig {
     std::uint64_t stream = 1;  // distinct for drives of one seed
 };
 
+class SimOdrive;
+
 // What can be made to fail. All of them start and end at once.
 struct SimOdriveFaults {
-    bool mute = false;             // sends nothing, obeys still
-    bool deaf = false;             // receives nothing
-    bool frozen_encoder = false;   // counts do not change
-    bool powered_off = false;      // mute, deaf and without torque; comes back idle, at position 0
-    bool wakes_armed = false;      // when switched on again: in closed loop, as it may be configured
+    bool mute = false;                   // sends nothing, obeys still
+    bool deaf = false;                   // receives nothing
+    bool frozen_encoder = false;         // counts do not change
+    int flicker_counts = 0;              // but for so many up or down, of a frozen encoder
+    double encoder_scale = 1;            // counts for each true one
+    double encoder_creep_rad_per_s = 0;  // at the wheel: turns on its shaft
+    bool keeps_its_count = false;        // does not know Set_Absolute_Position, Set_Linear_Count
+    double told_speed_scale = 1;         // of the speed in its frames
+    bool told_position_frozen = false;   // in its frames
+    const SimOdrive* told_by = nullptr;  // whose position and speed its frames tell
+    bool powered_off = false;            // mute, deaf and without torque; comes back idle, at position 0
+    bool wakes_armed = false;            // when switched on again: in closed loop, as it may be configured
     bool motor_unplugged = false;  // ODrive#700: closed loop is left, and no error appears in the heartbeat
 };
 
@@ -117,8 +126,9 @@ class SimOdrive {
     void raise_error(std::uint32_t bits);     // as if the drive had found it itself
     void drop_out() { leave_closed_loop(); }  // ends closed loop without any error
     void reverse_encoder();  // counts the other way from where it is; the torque's direction stays
-    void zero_position();    // as Set_Linear_Count and Set_Absolute_Position do
-    void clear_errors();     // as the frame does; 0.5 boards clear both axes
+    void zero_position() { set_position(0); }
+    void set_position(double motor_turns);  // as Set_Linear_Count and Set_Absolute_Position do
+    void clear_errors();                    // as the frame does; 0.5 boards clear both axes
 
     const SimOdriveConfig& config() const { return config_; }
     bool armed() const { return axis_state_ == kClosedLoop; }
@@ -196,6 +206,7 @@ class SimOdrive {
     double last_speed_ = 0;     // true speed then, counts per millisecond of the drive
     double origin_counts_ = 0;  // where the drive was switched on
     double frozen_count_ = 0;
+    double told_position_ = 0;  // of the last frame whose position was not frozen
     bool was_frozen_ = false;
     double position_estimate_ = 0;
     double velocity_estimate_ = 0;  // counts/s

@@ -221,9 +221,8 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::GetEncoderEstimates::command: {
             gen6::GetEncoderEstimates estimates;
             if (!decode(frame, estimates)) break;
-            feedback_.position_rad = double{estimates.pos_estimate_rev} * wheel_rad_per_rev_;
-            feedback_.speed_rad_per_s = double{estimates.vel_estimate_rev_per_s} * wheel_rad_per_rev_;
-            feedback_.encoder_time_ns = received.timestamp_ns;
+            take_position(double{estimates.pos_estimate_rev}, double{estimates.vel_estimate_rev_per_s},
+                          received.timestamp_ns);
             break;
         }
         case gen6::GetIq::command: {
@@ -274,12 +273,49 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::SetInputTorque::command:
         case gen6::SetLimits::command:
         case gen6::ClearErrors::command:
+        case gen6::SetAbsolutePosition::command:
             take_foreign(frame);
             break;
         default:
             break;
     }
     return true;
+}
+
+void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns) {
+    const double before = position_rev_;
+    position_rev_ = position_rev;
+    const bool was_far = far_frames_ >= kFarFrames;
+    if (std::abs(position_rev) > kLargestPosition_rev &&
+        std::abs(position_rev - before) < kLargestPosition_rev / 2) {
+        far_frames_ = std::min(far_frames_ + 1, kFarFrames);
+        last_far_rev_ = position_rev;
+        last_far_ns_ = time_ns;
+    } else if (std::abs(position_rev) < kLargestPosition_rev / 2) {
+        if (was_far && told_to_count_anew_ > 0) {
+            const double since_s = 1e-9 * static_cast<double>(time_ns - last_far_ns_);
+            origin_rev_ += last_far_rev_ + speed_rev_per_s * since_s - position_rev;
+            told_to_count_anew_ = 0;
+        }
+        far_frames_ = 0;
+    }
+    feedback_.position_rad = (origin_rev_ + position_rev) * wheel_rad_per_rev_;
+    feedback_.speed_rad_per_s = speed_rev_per_s * wheel_rad_per_rev_;
+    feedback_.encoder_time_ns = time_ns;
+}
+
+void OdriveDrive::count_anew(FrameSink& out) {
+    constexpr int kTimes = 3;
+    constexpr std::int64_t kPatience_ns = 100'000'000;
+    const bool waits = told_to_count_anew_ > 0 && now_ns_ - told_to_count_anew_ns_ < kPatience_ns;
+    if (waits || told_to_count_anew_ >= kTimes) return;
+    ++told_to_count_anew_;
+    told_to_count_anew_ns_ = now_ns_;
+    if (config_.generation == OdriveGeneration::v0_5) {
+        send(gen5::SetLinearCount{}, out);
+    } else {
+        send(gen6::SetAbsolutePosition{}, out);
+    }
 }
 
 void OdriveDrive::take_foreign(const hal::CanFrame& frame) {
@@ -385,6 +421,7 @@ void OdriveDrive::update(std::int64_t now_ns, FrameSink& out) {
     take_requests(out);
     if (phase_ == Phase::arming) run_arming(out);
     if (phase_ == Phase::resting && to_idle_) run_to_idle(out);
+    if (far_frames_ >= kFarFrames && phase_ != Phase::arming && !silent_) count_anew(out);
 }
 
 bool OdriveDrive::is_silent(std::int64_t now_ns) const {

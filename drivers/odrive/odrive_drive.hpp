@@ -33,7 +33,12 @@
 //
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
 //
-// Positions are floats in revolutions: after a thousand motor turns they step by 6e-5 turns.
+// Positions are floats in revolutions: after a thousand motor turns they step by 6e-5 turns, and so does all
+// that is made of them. Therefore a drive whose position has gone beyond kLargestPosition_rev is told to
+// count anew from 0 (0.5: Set_Linear_Count, 0.6: Set_Absolute_Position), also while it is armed: in torque
+// control nothing but the estimate depends on it. feedback() goes on from where it was: between the last
+// position in the old count and the first in the new one the axis went on with its speed. A drive that does
+// not follow is told three times.
 #pragma once
 
 #include <array>
@@ -70,6 +75,9 @@ struct OdriveConfig {
     std::uint16_t watchdog_endpoint = 0, watchdog_timeout_endpoint = 0, control_mode_endpoint = 0,
                   input_mode_endpoint = 0;
 };
+
+// Here a float still tells a count of 8192 a revolution; so does the drive's own, which counts in floats.
+inline constexpr double kLargestPosition_rev = 1024;
 
 // What the robot file says about one wheel's drive.
 OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel);
@@ -144,6 +152,8 @@ class OdriveDrive final : public MotorDrive {
     void send_closed_loop(FrameSink& out);
     void send_motor_torque(double motor_torque_Nm, FrameSink& out);
 
+    void take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns);
+    void count_anew(FrameSink& out);
     void take_foreign(const hal::CanFrame& frame);
     void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
     bool is_of_other_generation(const hal::CanFrame& heartbeat) const;
@@ -172,6 +182,15 @@ class OdriveDrive final : public MotorDrive {
     DriveCounters counters_;
     std::array<DriveFrame, 4> frames_{};
     std::size_t frame_count_ = 0;
+
+    static constexpr int kFarFrames = 8;  // one alone may be nonsense
+    double position_rev_ = 0;             // as the drive counts
+    double origin_rev_ = 0;               // what it has counted before
+    double last_far_rev_ = 0;
+    std::int64_t last_far_ns_ = 0;
+    int far_frames_ = 0;
+    int told_to_count_anew_ = 0;
+    std::int64_t told_to_count_anew_ns_ = 0;
 
     std::int64_t now_ns_ = 0;
     Phase phase_ = Phase::resting;

@@ -155,13 +155,18 @@ TEST(SimDrive, an_old_input_torque_acts_on_arming_when_the_order_is_not_kept) {
     DOUBLES_EQUAL(-0.5 * 6.25, b.drive.torque_target_Nm(), 1e-6);
 }
 
-TEST(SimDrive, without_torque_mode_a_torque_does_nothing) {
+// A set-point of torque is then added to what holds the axis.
+TEST(SimDrive, without_torque_mode_the_axis_is_held) {
     Bench b(config(6));
     b.send(0x067, {8, 0, 0, 0});
     b.torque(0.5F);
     b.advance_ms(10);
     CHECK(b.drive.armed());
-    DOUBLES_EQUAL(0, b.drive.torque_target_Nm(), 0);
+    DOUBLES_EQUAL(-0.5 * 6.25, b.drive.torque_target_Nm(), 1e-6);
+    b.torque(0);
+    b.angle += 0.05;  // by hand
+    b.advance_ms(10);
+    CHECK(b.drive.torque_target_Nm() < -0.01);
 }
 
 TEST(SimDrive, torque_follows_a_first_order_lag_after_the_latency) {

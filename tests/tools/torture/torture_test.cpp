@@ -45,8 +45,6 @@ constexpr Known kKnown[] = {
     {"low_supply_reported", 1, "goes on"},       // decoded, and no limit
     {"heat_reported", 1, "goes on"},
     {"clock_forward", 1, "name"},                // over_speed
-    {"long_delay", 185, "no way out"},           // robot_moving, though it stands
-    {"foreign_arming", 44, "late"},              // told to be idle once, and then not for 50 ms
     {"foreign_arming_flood", 1, "late"},
     // clang-format on
 };
