@@ -219,7 +219,7 @@ void SimOdrive::receive_command(const hal::CanFrame& frame, std::uint32_t comman
                 if (decode(frame, request)) set_position(double{request.position_rev});
             } else {
                 gen5::SetLinearCount request;
-                if (decode(frame, request)) set_position(request.position_count / config_.counts_per_turn);
+                if (decode(frame, request)) set_position(request.count / config_.counts_per_turn);
             }
             break;
         default:

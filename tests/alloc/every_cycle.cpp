@@ -27,6 +27,7 @@ using protocol::ParameterOperation;
 using protocol::ParameterResult;
 
 constexpr std::uint32_t kHeartbeatOfLeft = 1U << 5U | 1U;  // node 1
+constexpr std::uint32_t kControllerModeOfLeft = 1U << 5U | 0x0BU;
 
 // Calls visit(number of the field, its name, its value) for the fields that are yes or no.
 template <typename Visitor>
@@ -377,6 +378,8 @@ void fail_in_every_way(Visit& visit) {
              [&] { visit.rig().stop_line().set(hal::LineLevel::inactive); }},
         Case{[&] { visit.rig().stop_line().set(hal::LineLevel::unknown); },
              [&] { visit.rig().stop_line().set(hal::LineLevel::inactive); }},
+        Case{[&] { visit.rig().enable_line().set_broken(true); },
+             [&] { visit.rig().enable_line().set_broken(false); }},
         Case{[&] { visit.host().emergency_stop(); }, nothing},
         Case{[&] { visit.rig().miss(20); }, nothing},
         Case{[&] {
@@ -516,6 +519,22 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
     bench::ExampleRobots no_watchdog = known;
     no_watchdog.controller.drive.watchdog_assured = false;
     no_watchdog.world.watchdog_enabled = false;
+    // Told to be in torque mode, a drive does not hear it: it gives another torque, or says so when asked.
+    const auto hear_no_mode = [](Visit& v) {
+        v.rig().bus().add_fault({sim::FaultAction::drop, kControllerModeOfLeft, 0x7FF});
+        v.host().velocity({0.4, 0.2});
+        v.host().mode(Mode::velocity);
+        v.run(3000);
+    };
+    visit("drives in another mode", known, {}, hear_no_mode);
+    bench::ExampleRobots asked = known;
+    for (model::RobotParameters* p : {&asked.controller, &asked.truth}) {
+        p->drive.watchdog_endpoint = 391;
+        p->drive.watchdog_timeout_endpoint = 392;
+        p->drive.control_mode_endpoint = 401;
+        p->drive.input_mode_endpoint = 402;
+    }
+    visit("drives in another mode that say so", asked, {}, hear_no_mode);
     visit("drives without a watchdog", no_watchdog, {}, [](Visit& v) { v.enter(Mode::velocity); });
 
     bench::ExampleRobots impossible = known;  // no loop is that fast and that stable

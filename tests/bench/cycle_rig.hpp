@@ -71,6 +71,7 @@ class CycleRig {
     sim::World& world() { return world_; }
     sim::InProcessBus& bus() { return bus_; }
     sim::SimInput& stop_line() { return stop_line_; }
+    sim::SimOutput& enable_line() { return enable_line_; }
     task::SaveMailbox& mailbox() { return mailbox_; }
     hal::CanBus& host_bus() { return second_ == nullptr ? bus_.endpoint(kHost) : second_->endpoint(1); }
     model::RobotParameters& parameters() { return parameters_; }  // the live ones
