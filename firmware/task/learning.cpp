@@ -192,8 +192,10 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
         put("velocity_loop.actuation_delay_s",
             run_.delay().delay_s - sample_age_s_ - model::effects_delay_s(live.effects));
     put("velocity_loop.angle_noise_rad", run_.findings().angle_noise_rad);
+    // The others are as the file has them, or have just been recorded.
+    const std::array<bool, model::kEffectCount> estimated = model::estimated_effects(e.effects.active);
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        if (!e.effects.active[i]) continue;
+        if (!estimated[i]) continue;
         if (!live.effects.active[i]) service.record(model::effect_index(i, model::kEffectActiveSlot), 1);
         const auto& parameters = model::kEffects[i].parameters;
         for (std::size_t j = 0; j < parameters.size(); ++j) {

@@ -110,3 +110,26 @@ TEST(ChainIdentification, friction_is_found_too) {
         }
     }
 }
+
+// Effects beside those that an identification estimates keep what is known of them; what the coupling of
+// forward and turning shows of two of them is recorded with its error. Adaptive mode may be entered then.
+TEST(ChainIdentification, what_it_does_not_estimate_it_leaves_alone) {
+    const std::size_t lag = model::find_effect("actuator_lag");
+    const std::size_t lateral = model::kCogLateral;
+    const std::size_t gains = model::find_effect("torque_gain_mismatch");
+    model::RobotParameters listed = chain::believed().parameters;
+    for (const std::size_t i : {lag, lateral, gains}) listed.effects.active[i] = true;
+    listed.effects.parameter[lag][0] = 0.0003;
+    listed.effects_standard_error.parameter[lag][0] = 0.00004;
+    Simulation sim(listed, chain::real().parameters, chain::options(8));
+    sim.run_for(0.5);
+    for (int run = 0; run < 2; ++run) {
+        CHECK(identify(sim).succeeded);
+        DOUBLES_EQUAL(0.0003, sim.parameters().effects.parameter[lag][0], 1e-9);
+        DOUBLES_EQUAL(0.00004, sim.parameters().effects_standard_error.parameter[lag][0], 1e-9);
+        for (const std::size_t i : {lateral, gains})
+            CHECK(sim.parameters().effects_standard_error.parameter[i][0] > 0);
+    }
+    sim.host().velocity({});
+    CHECK(enter_mode(sim, protocol::Mode::adaptive));
+}
