@@ -516,6 +516,10 @@ void OdriveDrive::run_arming(FrameSink& out) {
         if (wrong_answer_) send_torque_mode(out);
         send_question(out);
     }
+    // A drive that says 50 ms later that it is idle has not heard it.
+    const bool unheard = kArming[step_].wait == Wait::closed_loop && axis_state_ == kIdle &&
+                         feedback_.heartbeat_time_ns > step_since_ns_ + kIdleAgain_ns;
+    if (unheard) step_sent_ = false;  // once more in the next cycle
     if (feeding_) send_zero_torque(out);
 }
 
