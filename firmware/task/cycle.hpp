@@ -12,11 +12,11 @@
 #include <span>
 
 #include "drivers/motor_drive.hpp"
-#include "firmware/control/encoder_watch.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/supervisor/supervisor.hpp"
 #include "firmware/task/bus_meter.hpp"
 #include "firmware/task/cycle_schedule.hpp"
+#include "firmware/task/encoder_watch.hpp"
 #include "firmware/task/host_link.hpp"
 #include "firmware/task/judge.hpp"
 #include "firmware/task/learning.hpp"
@@ -126,7 +126,7 @@ class Cycle {
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
     Senses senses_;
-    control::EncoderWatch encoder_watch_;
+    EncoderWatch encoder_watch_;
     Judge judge_;
     MotionControl control_;
     Learning learning_;

@@ -33,6 +33,7 @@ struct Options {
     std::uint64_t hostile = 0;
     std::uint64_t kill_saves = 0;
     double healthy_hours = 0;
+    bool rough = false;
     std::size_t jobs = 0;
     std::string kind;
     std::string robots = "both";
@@ -214,7 +215,8 @@ int run_healthy(const Options& options) {
             kHealthyRobots, options.jobs, [] { return interrupted(); },
             [&](std::size_t i) {
                 results[i] =
-                    drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots);
+                    drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots,
+                                  options.rough ? Ground::rough : Ground::level);
                 count(i);
             });
     }
@@ -367,6 +369,8 @@ void add_torture(const CommandLine& program, Run& run) {
         .add_option("--healthy-hours", options->healthy_hours,
                     "Instead: so many hours of normal driving on twenty drawn robots")
         .check(from_to("0.01", "100000"));
+    command.add_flag("--rough", options->rough,
+                     "The same on slopes, with pushes, payloads, and tyres that slip");
     command
         .add_option("--kill-saves", options->kill_saves,
                     "Instead: so many processes killed while they save a robot file")
