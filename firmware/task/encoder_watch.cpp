@@ -6,32 +6,46 @@
 #include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/control/wheel_observer.hpp"
 
+#include <cstdio>
+#include <cstdlib>
+namespace {
+const bool dbg = std::getenv("LIES") != nullptr;
+}
 namespace wheelwright::task {
 namespace {
 
 constexpr double kNearlyAllTorque = 0.75;  // of the torque limit
+
 constexpr double kUnseenSteps = 1.5;
-constexpr double kBrakesShare = 1.5;  // of what the torque brakes by, with friction
+constexpr int kFrames = 8;
+constexpr std::size_t kStopCycles = 6;  // in which a drive's estimate follows an encoder that stops
+constexpr double kStopShare = 1.5;      // of what torque and friction brake in that time
+constexpr double kTurnsShare = 0.5;     // of a creeping speed
 constexpr int kHistoryCycles = 16;
 constexpr int kPushedCycles = 80;
-constexpr int kFrames = 8;
-constexpr std::size_t kStopCycles = 6;  // in which the estimate of a drive follows an encoder that stops
+constexpr double kFinestStep_rad = 0.012;  // two steps of the coarsest encoder that is identified with
 constexpr int kComesOutCycles = 6;
-constexpr double kStepShare =
-    1.0 / 8;  // of an angle that is gone, by which the step is less than was thought
+constexpr double kStepShare = 1;  // of an angle gone without a pause, by which a step is less than thought
+constexpr double kCameOutStays = 0.7;  // from one stillness to the next
 
 constexpr int kTongueFrames = 32;  // noise keeps no sign for so long
 constexpr double kTongueShare = 0.25;
+constexpr double kAgreeShare = 0.1;
 
 constexpr std::size_t kMirrorSpan = 8;  // cycles, of a speed by differences
-constexpr std::size_t kMirrorApart = 12;
-constexpr int kMirrorCycles = 4;
+constexpr std::size_t kMirrorApart = 16;
+constexpr int kMirrorCycles = 6;
 constexpr double kMirrorShare = 0.2;
 
+constexpr int kAgainstCycles = 8;  // a block: noise of the speeds is less than what full torque does in it
 constexpr double kAgainstShare = 0.5;
-constexpr double kAgainst_s = 0.025;  // of full torque
+constexpr double kForgotten = 0.03;   // of what full torque does
+constexpr double kAgainst_s = 0.02;  // of full torque
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
+
+// What is left of a number towards zero.
+double beyond(double number, double held) { return number - std::clamp(number, -held, held); }
 
 }  // namespace
 
@@ -44,6 +58,7 @@ void EncoderWatch::configure(const model::RobotParameters& from) {
     const double friction_Nm =
         dry_Nm > 0 ? kFrictionMayBeWrong * dry_Nm : kUnknownFriction * torque_limit_Nm_;
     held_Nm_ = std::min(2 * friction_Nm + kBeside * torque_limit_Nm_, kNearlyAllTorque * torque_limit_Nm_);
+    rubs_Nm_ = friction_Nm + kBeside * torque_limit_Nm_;
     creeping_rad_per_s_ = from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m();
 }
 
@@ -54,82 +69,64 @@ void EncoderWatch::rest(const WheelEvidence& now) {
         wheel.angle_rad = told[i]->position_rad;
         wheel.roughness_rad = wheels_[i].roughness_rad;
         wheel.step_rad = wheels_[i].step_rad;
+        wheel.came_out_rad = wheels_[i].came_out_rad;
         wheels_[i] = wheel;
     }
     remembered_ = 0;
-    turning_against_ = 0;
-    difference_before_ = now.speed_rad_per_s.difference();
-    wheels_[0].speed_now = now.speed_rad_per_s.left;
-    wheels_[1].speed_now = now.speed_rad_per_s.right;
+    wheels_[0].course.speed = now.speed_rad_per_s.left;
+    wheels_[1].course.speed = now.speed_rad_per_s.right;
+    turning_ = {now.speed_rad_per_s.difference(), 0, 0};
+    alone_at_rad_ = {now.left.position_rad, now.right.position_rad};
+    block_cycles_ = 0;
+    block_s_ = 0;
 }
 
 bool EncoderWatch::update(const WheelEvidence& now) {
-    const double half_track_m = now.geometry.track_m / 2;
+    newest_ = (newest_ + 1) % kRemembered;
+    remembered_ += remembered_ < kRemembered;
+    const bool known = now.dynamics != nullptr;
     const auto response = [&](double radius_m) {
-        return now.dynamics == nullptr ? Response{}
-                                       : Response{now.dynamics->k7_per_kg_m / radius_m,
-                                                  now.dynamics->k8_per_kg_m2 * half_track_m / radius_m};
+        return known ? Response{now.dynamics->k7_per_kg_m / radius_m,
+                                now.dynamics->k8_per_kg_m2 * now.geometry.track_m / 2 / radius_m}
+                     : Response{};
     };
     const Response left = response(now.geometry.wheel_radius_m.left);
     const Response right = response(now.geometry.wheel_radius_m.right);
-    newest_ = (newest_ + 1) % kRemembered;
-    remembered_ += remembered_ < kRemembered;
-    wheels_[0].angles_rad[newest_] = now.left.position_rad;
-    wheels_[1].angles_rad[newest_] = now.right.position_rad;
-    wheels_[0].speeds_rad_per_s[newest_] = now.speed_rad_per_s.left;
-    wheels_[1].speeds_rad_per_s[newest_] = now.speed_rad_per_s.right;
-    for (Wheel& wheel : wheels_) learn_step(wheel, now.elapsed_s);
-
-    bool lies = false;
-    if (still(wheels_[0], now.left, now.speed_rad_per_s.left, now.unexplained_rad_per_s2.left,
-              now.sent_torque_Nm.left))
-        lies |= frozen(wheels_[0], now.sent_torque_Nm.left, now.sent_torque_Nm.right, now.elapsed_s,
-                       now.dynamics == nullptr ? nullptr : &left);
-    if (still(wheels_[1], now.right, now.speed_rad_per_s.right, now.unexplained_rad_per_s2.right,
-              now.sent_torque_Nm.right))
-        lies |= frozen(wheels_[1], now.sent_torque_Nm.right, now.sent_torque_Nm.left, now.elapsed_s,
-                       now.dynamics == nullptr ? nullptr : &right);
-    lies |= two_tongues(wheels_[0], now.left);
-    lies |= two_tongues(wheels_[1], now.right);
-    if (now.dynamics == nullptr) return lies;
-
-    lies |= mirrored(wheels_[0], now.elapsed_s, left, now.acting_torque_Nm.left);
-    lies |= mirrored(wheels_[1], now.elapsed_s, right, now.acting_torque_Nm.right);
-
-    const WheelPair<double> beyond{beyond_friction_Nm(now.acting_torque_Nm.left),
-                                   beyond_friction_Nm(now.acting_torque_Nm.right)};
-    const auto full = [&](const Response& r) {
-        return 2 * std::max(r.forward, r.turning) * torque_limit_Nm_;
+    const WheelPair<double>& sent = now.sent_torque_Nm;
+    const auto look_at = [&](Wheel& wheel, const drivers::DriveFeedback& told, double speed_rad_per_s,
+                             double unexplained, double own_Nm, double other_Nm, const Response& r) {
+        wheel.angles_rad[newest_] = told.position_rad;
+        wheel.speeds_rad_per_s[newest_] = speed_rad_per_s;
+        learn_step(wheel, now.elapsed_s);
+        bool lies =
+            still(wheel, told, speed_rad_per_s, unexplained, own_Nm) &&
+            (known ? goes_unseen(wheel, own_Nm, other_Nm, now.elapsed_s, r) : pushed_in_vain(wheel, own_Nm));
+        lies = two_tongues(wheel, told) || lies;
+        return (known && mirrored(wheel, now.elapsed_s, r)) || lies;
     };
-    const double left_change = now.speed_rad_per_s.left - wheels_[0].speed_now;
-    const double right_change = now.speed_rad_per_s.right - wheels_[1].speed_now;
-    wheels_[0].speed_now = now.speed_rad_per_s.left;
-    wheels_[1].speed_now = now.speed_rad_per_s.right;
-    lies |=
-        against(wheels_[0].against, left_change,
-                left.forward * beyond.sum() - left.turning * beyond.difference(), full(left), now.elapsed_s);
-    lies |= against(wheels_[1].against, right_change,
-                    right.forward * beyond.sum() + right.turning * beyond.difference(), full(right),
-                    now.elapsed_s);
-    lies |= against(turning_against_, right_change - left_change,
-                    (left.turning + right.turning) * beyond.difference(),
-                    2 * (left.turning + right.turning) * torque_limit_Nm_, now.elapsed_s);
-    return lies;
+    const bool left_lies = look_at(wheels_[0], now.left, now.speed_rad_per_s.left,
+                                   now.unexplained_rad_per_s2.left, sent.left, sent.right, left);
+    const bool right_lies = look_at(wheels_[1], now.right, now.speed_rad_per_s.right,
+                                    now.unexplained_rad_per_s2.right, sent.right, sent.left, right);
+    const bool lies = left_lies || right_lies;
+    return known ? against_torque(now, left, right) || lies : lies;
 }
 
 bool EncoderWatch::update_alone(const WheelEvidence& now) {
     const WheelPair<double>& torque_Nm = now.sent_torque_Nm;
     const bool left = torque_Nm.left != 0 && torque_Nm.right == 0;
     const bool right = torque_Nm.right != 0 && torque_Nm.left == 0;
-    if (!left && !right) return update(now);
-    Wheel& pushed = wheels_[right ? 1 : 0];
-    if ((right ? now.right.position_rad : now.left.position_rad) != pushed.angle_rad) {
-        rest(now);
-        return false;
-    }
+    const double pushed_rad = right ? now.right.position_rad : now.left.position_rad;
     const double other_rad = right ? now.left.position_rad : now.right.position_rad;
-    return !(std::abs(other_rad - wheels_[right ? 0 : 1].angle_rad) <=
-             kUnseenSteps * control::kCoarsestStep_rad);
+    if ((!left && !right) || pushed_rad != alone_at_rad_[0]) alone_at_rad_ = {pushed_rad, other_rad};
+    const bool turns_other =
+        std::abs(other_rad - alone_at_rad_[1]) > kUnseenSteps * control::kCoarsestStep_rad;
+    if (now.dynamics != nullptr || (!left && !right)) return update(now) || turns_other;
+    // Where nothing is known, a wheel that does not turn is the probe's to name.
+    const std::array<double, 2> at_rad = alone_at_rad_;
+    rest(now);
+    alone_at_rad_ = at_rad;
+    return turns_other;
 }
 
 // Whether the angle is the same as before.
@@ -140,17 +137,15 @@ bool EncoderWatch::still(Wheel& wheel, const drivers::DriveFeedback& told, doubl
         wheel.told_ns = told.encoder_time_ns;
         return wheel.frames >= 0;
     }
-    if (wheel.frames >= 0 && wheel.coming_out == 0) {
-        wheel.hidden_from_rad = wheel.angle_rad;
-        wheel.coming_out = kComesOutCycles;
+    if (wheel.frames >= 0) {
+        if (wheel.coming_out == 0) wheel.coming_out = kComesOutCycles;
+        wheel.frames = -1;
+        wheel.speed = wheel.unseen_rad = 0;
+        wheel.turned = false;
+        wheel.pushed_cycles = 0;
     }
     wheel.angle_rad = told.position_rad;
     wheel.torque_Nm = torque_Nm;
-    if (wheel.frames >= 0) {
-        wheel.frames = -1;
-        wheel.speed = wheel.unseen_rad = 0;
-        wheel.pushed_cycles = 0;
-    }
     if (++wheel.history_age >= kHistoryCycles) {
         wheel.speed_before = wheel.speed_lately;
         wheel.speed_lately = speed_rad_per_s;
@@ -161,51 +156,77 @@ bool EncoderWatch::still(Wheel& wheel, const drivers::DriveFeedback& told, doubl
     return false;
 }
 
-// An encoder's step is no more than what came out when it last told anew, and less the farther it has gone
-// without a pause.
+// An encoder's step is no more than twice what came out when it lately told anew after a stillness, and what it
+// has gone since shows how much less the first guess may be.
 void EncoderWatch::learn_step(Wheel& wheel, double elapsed_s) const {
     if (wheel.step_rad == 0) wheel.step_rad = control::kCoarsestStep_rad;
     if (wheel.frames >= 0) return;
-    wheel.step_rad -= kStepShare * std::abs(wheel.speeds_rad_per_s[newest_]) * elapsed_s;
-    if (wheel.coming_out > 0) --wheel.coming_out;
-    const double out_rad = wheel.coming_out > 0 ? std::abs(wheel.angle_rad - wheel.hidden_from_rad) : 0;
-    wheel.step_rad = std::clamp(2 * out_rad, std::max(wheel.step_rad, 0.0), control::kCoarsestStep_rad);
+    if (wheel.coming_out > 0 && --wheel.coming_out == 0) {
+        const double before_rad =
+            wheel.angles_rad[(newest_ + kRemembered - static_cast<std::size_t>(kComesOutCycles)) % kRemembered];
+        const double out_rad = std::abs(wheel.angles_rad[newest_] - before_rad);
+        wheel.came_out_rad = std::max(2 * out_rad, kCameOutStays * wheel.came_out_rad);
+    }
+    const double less_rad = kStepShare * std::abs(wheel.speeds_rad_per_s[newest_]) * elapsed_s;
+    wheel.step_rad = std::min(std::max({wheel.step_rad - less_rad, wheel.came_out_rad, kFinestStep_rad}),
+                              control::kCoarsestStep_rad);
 }
 
-bool EncoderWatch::frozen(Wheel& wheel, double torque_Nm, double other_Nm, double elapsed_s,
-                          const Response* response) const {
-    if (response == nullptr) {
-        const double beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0);
-        wheel.pushed_cycles = beyond_Nm != 0 ? wheel.pushed_cycles + 1 : 0;
-        return wheel.pushed_cycles >= kPushedCycles;
-    }
-    const double own = response->forward + response->turning;
-    const double others = response->forward - response->turning;
-    const double slope_Nm = -wheel.unexplained_before / (2 * response->forward);
-    // The least speed that it can have: what holds it may all brake it.
-    const auto braked = [&](double speed, double seconds) {
+bool EncoderWatch::pushed_in_vain(Wheel& wheel, double torque_Nm) const {
+    wheel.pushed_cycles = beyond_held_Nm(wheel, torque_Nm, 0) != 0 ? wheel.pushed_cycles + 1 : 0;
+    return wheel.pushed_cycles >= kPushedCycles;
+}
+
+bool EncoderWatch::goes_unseen(Wheel& wheel, double torque_Nm, double other_Nm, double elapsed_s,
+                               const Response& response) const {
+    const double own = response.forward + response.turning;
+    const double others = response.forward - response.turning;
+    const double slope_Nm = -wheel.unexplained_before / (2 * response.forward);
+    // The least speed of a wheel that has just been turning.
+    const auto least = [&](double speed, double seconds) {
         const double sign = speed < 0 ? -1 : 1;
-        const double net =
-            own * (sign * torque_Nm - held_Nm_ - std::abs(slope_Nm)) + others * sign * other_Nm;
-        return sign * std::max(0.0, std::abs(speed) + std::min(0.0, net) * seconds);
+        const double net_Nm = sign * torque_Nm - rubs_Nm_ - std::abs(slope_Nm);
+        return sign * std::max(0.0, std::abs(speed) + (own * net_Nm + others * sign * other_Nm) * seconds);
     };
-    if (wheel.frames == 0 && remembered_ > kStopCycles) {  // how fast was it, at least, before it stood?
+    if (wheel.frames == 0 && remembered_ > kStopCycles) {
         const double before = wheel.speeds_rad_per_s[(newest_ + kRemembered - kStopCycles) % kRemembered];
-        wheel.speed = braked(before, kBrakesShare * kStopCycles * elapsed_s);
+        const double after = least(before, kStopShare * static_cast<double>(kStopCycles) * elapsed_s);
+        wheel.speed = std::abs(after) < std::abs(before) ? after : before;
+        if (std::abs(wheel.speed) < kTurnsShare * creeping_rad_per_s_) wheel.speed = 0;
+        wheel.turned = wheel.speed != 0;
     }
-    const double beyond_Nm = beyond_held_Nm(wheel, torque_Nm, slope_Nm);
-    wheel.speed = beyond_Nm != 0 ? wheel.speed + beyond_Nm * own * elapsed_s : braked(wheel.speed, elapsed_s);
+    if (wheel.turned) {
+        wheel.speed = least(wheel.speed, elapsed_s);
+        wheel.turned = wheel.speed != 0;
+    } else {
+        wheel.speed += beyond_held_Nm(wheel, torque_Nm, slope_Nm) * own * elapsed_s;
+    }
     wheel.unseen_rad += wheel.speed * elapsed_s;
-    return wheel.frames >= kFrames && !(std::abs(wheel.unseen_rad) <= kUnseenSteps * wheel.step_rad);
+    // What friction holds is not known so well that a fine encoder's step would tell.
+    const double step_rad = wheel.turned ? wheel.step_rad : control::kCoarsestStep_rad;
+    const bool dl = wheel.frames >= kFrames && !(std::abs(wheel.unseen_rad) <= kUnseenSteps * step_rad);
+    if (dl && dbg)
+        std::fprintf(
+            stderr,
+            "FROZEN frames %d unseen %g step %g speed %g before6 %g before %g lately %g torque %g other %g "
+            "last %g held %g rubs %g limit %g own %g others %g slope %g\n",
+            wheel.frames, wheel.unseen_rad, wheel.step_rad, wheel.speed,
+            wheel.speeds_rad_per_s[(newest_ + kRemembered - kStopCycles - wheel.frames) % kRemembered],
+            wheel.speed_before, wheel.speed_lately, torque_Nm, other_Nm, wheel.torque_Nm, held_Nm_, rubs_Nm_,
+            torque_limit_Nm_, own, others, slope_Nm);
+    return dl;
 }
 
 // Angle against speed, of one drive.
 bool EncoderWatch::two_tongues(Wheel& wheel, const drivers::DriveFeedback& told) const {
     if (told.encoder_time_ns == wheel.last_told_ns) return false;
-    const double dt = std::min(seconds(told.encoder_time_ns - wheel.last_told_ns), 0.01);
     const double moved = told.position_rad - wheel.last_angle_rad;
-    const double expected = told.speed_rad_per_s * dt;
     const bool goes_on = told.speed_rad_per_s * wheel.last_told_speed > 0;
+    // The slower of two, as one of them may be wild.
+    const double speed = std::abs(told.speed_rad_per_s) < std::abs(wheel.last_told_speed)
+                             ? told.speed_rad_per_s
+                             : wheel.last_told_speed;
+    const double expected = speed * seconds(told.encoder_time_ns - wheel.last_told_ns);
     wheel.last_told_ns = told.encoder_time_ns;
     wheel.last_angle_rad = told.position_rad;
     wheel.last_told_speed = told.speed_rad_per_s;
@@ -222,49 +243,87 @@ bool EncoderWatch::two_tongues(Wheel& wheel, const drivers::DriveFeedback& told)
     if (++wheel.of_one_sign < kTongueFrames) return false;
     const double beside = std::abs(wheel.beside_rad);
     const bool lies = beside > kTongueShare * std::abs(wheel.by_speed_rad) + 2 * wheel.roughness_rad;
-    if (!lies)
-        wheel.roughness_rad = std::clamp(2 * beside, 0.8 * wheel.roughness_rad, control::kCoarsestStep_rad);
+    // Learned where they agree well, or a lie would be learned too.
+    if (beside <= kAgreeShare * std::abs(wheel.by_speed_rad))
+        wheel.roughness_rad = std::clamp(2 * beside, 0.6 * wheel.roughness_rad, control::kCoarsestStep_rad);
+    if (lies && dbg)
+        std::fprintf(stderr, "TONGUES beside %g by speed %g rough %g\n", wheel.beside_rad, wheel.by_speed_rad,
+                     wheel.roughness_rad);
     wheel.of_one_sign = 0;
     wheel.beside_rad = wheel.by_speed_rad = 0;
     return lies;
 }
 
-bool EncoderWatch::mirrored(Wheel& wheel, double elapsed_s, const Response& response, double acting_Nm) {
+bool EncoderWatch::mirrored(Wheel& wheel, double elapsed_s, const Response& response) const {
     if (remembered_ < kRemembered) return false;
     const auto angle = [&](std::size_t ago) {
         return wheel.angles_rad[(newest_ + kRemembered - ago) % kRemembered];
     };
     const double now = angle(0) - angle(kMirrorSpan);
     const double before = angle(kMirrorApart) - angle(kMirrorApart + kMirrorSpan);
-    const double brakes = kBrakesShare * 2 * std::max(response.forward, response.turning) * torque_limit_Nm_ *
-                          elapsed_s * kMirrorApart;
-    const double noise = 4 * (wheel.roughness_rad == 0 ? control::kCoarsestStep_rad : wheel.roughness_rad);
-    const bool mirror = std::abs(now + before) < kMirrorShare * std::abs(before) &&
-                        std::abs(before) > noise + brakes * elapsed_s * kMirrorSpan &&
-                        !(beyond_friction_Nm(acting_Nm) * now > 0);
+    // Twice what the torque limit does meanwhile, as the speed changes by twice itself.
+    const double turned_rad = full_rad_per_s2(response) * elapsed_s * kMirrorApart * elapsed_s * kMirrorSpan;
+    const double noise_rad =
+        4 * (wheel.roughness_rad == 0 ? control::kCoarsestStep_rad : wheel.roughness_rad);
+    const bool mirror =
+        std::abs(now + before) < kMirrorShare * std::abs(before) && std::abs(before) > noise_rad + turned_rad;
     wheel.mirrored_cycles = mirror ? wheel.mirrored_cycles + 1 : 0;
+    if (dbg && wheel.mirrored_cycles >= kMirrorCycles)
+        std::fprintf(stderr, "MIRROR now %g before %g noise %g turned %g\n", now, before, noise_rad,
+                     turned_rad);
     return wheel.mirrored_cycles >= kMirrorCycles;
 }
 
-// Change of a speed, and the acceleration that the torque should give at least.
-bool EncoderWatch::against(double& evidence, double change, double expected, double full,
-                           double elapsed_s) const {
-    const double should = std::abs(expected) * elapsed_s;
-    const double opposed = expected > 0 ? -change : change;
-    if (should == 0) {
-        evidence = std::max(0.0, evidence - full * elapsed_s / 4);
-        return false;
-    }
-    evidence = std::max(0.0, evidence + std::clamp(opposed, -should, should) - kAgainstShare * should);
-    return evidence > kAgainst_s * full * kAgainstShare;
+// What the torque must do at least, beside friction and the couplings of forward motion and turning, against
+// how the speeds change, in blocks of some cycles.
+bool EncoderWatch::against_torque(const WheelEvidence& now, const Response& left, const Response& right) {
+    const Twist<double> twist = model::twist_from_wheel_speeds(now.geometry, now.speed_rad_per_s);
+    const double omega = twist.omega_rad_per_s;
+    const double radius_m = now.geometry.mean_radius_m();
+    const double ahead = std::abs(now.dynamics->k5_m * omega * omega) / radius_m;
+    const double round =
+        std::abs(now.dynamics->k6_per_m * twist.v_m_per_s * omega) * now.geometry.track_m / 2 / radius_m;
+    const WheelPair<double> net_Nm{beyond(now.acting_torque_Nm.left, rubs_Nm_),
+                                   beyond(now.acting_torque_Nm.right, rubs_Nm_)};
+    const double dt = now.elapsed_s;
+    wheels_[0].course.expected +=
+        dt * beyond(left.forward * net_Nm.sum() - left.turning * net_Nm.difference(), ahead + round);
+    wheels_[1].course.expected +=
+        dt * beyond(right.forward * net_Nm.sum() + right.turning * net_Nm.difference(), ahead + round);
+    turning_.expected += dt * beyond((left.turning + right.turning) * net_Nm.difference(), 2 * round);
+    block_s_ += dt;
+    if (++block_cycles_ < kAgainstCycles) return false;
+    bool lies = against(wheels_[0].course, now.speed_rad_per_s.left, full_rad_per_s2(left));
+    lies = against(wheels_[1].course, now.speed_rad_per_s.right, full_rad_per_s2(right)) || lies;
+    lies = against(turning_, now.speed_rad_per_s.difference(),
+                   2 * (left.turning + right.turning) * torque_limit_Nm_) ||
+           lies;
+    block_cycles_ = 0;
+    block_s_ = 0;
+    return lies;
 }
 
-// What of a torque must accelerate a wheel that turns either way.
-double EncoderWatch::beyond_friction_Nm(double torque_Nm) const {
-    return torque_Nm - std::clamp(torque_Nm, -held_Nm_ / 2, held_Nm_ / 2);
+bool EncoderWatch::against(Course& course, double speed, double full_rad_per_s2) const {
+    const double should = std::abs(course.expected);
+    const double opposed = course.expected > 0 ? course.speed - speed : speed - course.speed;
+    course.speed = speed;
+    course.expected = 0;
+    const double forgotten = kForgotten * full_rad_per_s2 * block_s_;
+    course.evidence = std::max(
+        0.0, course.evidence + std::clamp(opposed, -should, should) - kAgainstShare * should - forgotten);
+    if (dbg && course.evidence > kAgainstShare * kAgainst_s * full_rad_per_s2)
+        std::fprintf(stderr, "AGAINST %s evidence %g should %g opposed %g full %g\n",
+                     &course == &turning_ ? "turn" : "wheel", course.evidence, should, opposed,
+                     full_rad_per_s2);
+    return course.evidence > kAgainstShare * kAgainst_s * full_rad_per_s2;
 }
 
-// What of a torque must turn the wheel.
+// Of a wheel, by both torques.
+double EncoderWatch::full_rad_per_s2(const Response& response) const {
+    return 2 * std::max(response.forward, response.turning) * torque_limit_Nm_;
+}
+
+// What of a torque must turn a wheel that stands.
 double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double slope_Nm) const {
     double least = 0, most = 0;
     if (std::abs(torque_Nm) < kNearlyAllTorque * torque_limit_Nm_) {

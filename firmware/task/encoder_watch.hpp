@@ -58,21 +58,29 @@ class EncoderWatch {
   private:
     static constexpr std::size_t kRemembered = 32;  // cycles, power of two
 
+    // A speed, and what the torque should have made of it.
+    struct Course {
+        double speed = 0;     // at the last block's end
+        double expected = 0;  // change since then
+        double evidence = 0;
+    };
+
     struct Wheel {
         // while the angle stays as it is
         double angle_rad = 0;  // and the torque at its last change
         double torque_Nm = 0;
         double speed = 0;  // unseen, since then
         double unseen_rad = 0;
+        bool turned = false;  // it did, and had no time to stop
         std::int64_t told_ns = 0;
         int frames = -1;  // since then, with the same angle
         int pushed_cycles = 0;
         double speed_before = 0, speed_lately = 0;  // 16 to 32 cycles ago, and up to 16
         double unexplained_before = 0, unexplained_lately = 0;
         int history_age = 0;
-        // of the encoder: what may be hidden between two of its steps, as learned
+        // what may be hidden between two of the encoder's steps, as learned
         double step_rad = 0;
-        double hidden_from_rad = 0;
+        double came_out_rad = 0;
         int coming_out = 0;  // cycles left to see what a stillness has hidden
         // while the drive's speed keeps its sign
         int of_one_sign = 0;
@@ -80,38 +88,42 @@ class EncoderWatch {
         std::int64_t last_told_ns = 0;
         double beside_rad = 0;  // gone beside what the speed said
         double by_speed_rad = 0;
-        double roughness_rad = 0;  // by which angle and speed of a living encoder differ; as learned
+        double roughness_rad = 0;  // by which angle and speed of a living encoder differ, as learned
         // lately
-        std::array<double, kRemembered> angles_rad{};
-        std::array<double, kRemembered> speeds_rad_per_s{};
+        std::array<double, kRemembered> angles_rad{}, speeds_rad_per_s{};
         int mirrored_cycles = 0;
-        double speed_now = 0;
-        double against = 0;
+        Course course;
     };
 
     struct Response {
-        double forward, turning;  // of a wheel's acceleration to the torques' sum, to their difference
+        double forward = 0, turning = 0;  // of a wheel to the torques' sum, to their difference
     };
 
     bool still(Wheel& wheel, const drivers::DriveFeedback& told, double speed_rad_per_s,
                double unexplained_rad_per_s2, double torque_Nm) const;
-    bool frozen(Wheel& wheel, double torque_Nm, double other_Nm, double elapsed_s,
-                const Response* response) const;
     void learn_step(Wheel& wheel, double elapsed_s) const;
+    bool pushed_in_vain(Wheel& wheel, double torque_Nm) const;
+    bool goes_unseen(Wheel& wheel, double torque_Nm, double other_Nm, double elapsed_s,
+                     const Response& response) const;
     bool two_tongues(Wheel& wheel, const drivers::DriveFeedback& told) const;
-    bool mirrored(Wheel& wheel, double elapsed_s, const Response& response, double acting_Nm);
-    bool against(double& evidence, double change, double expected, double full, double elapsed_s) const;
+    bool mirrored(Wheel& wheel, double elapsed_s, const Response& response) const;
+    bool against_torque(const WheelEvidence& now, const Response& left, const Response& right);
+    bool against(Course& course, double speed, double full_rad_per_s2) const;
+    double full_rad_per_s2(const Response& response) const;
     double beyond_held_Nm(const Wheel& wheel, double torque_Nm, double slope_Nm) const;
-    double beyond_friction_Nm(double torque_Nm) const;
 
     double torque_limit_Nm_ = 0;
-    double held_Nm_ = 0;  // friction may hold it without motion
+    double held_Nm_ = 0;  // a wheel that stands may be held by so much,
+    double rubs_Nm_ = 0;  // one that turns may be braked by so much
     double creeping_rad_per_s_ = 0;
     std::array<Wheel, 2> wheels_;
-    std::size_t newest_ = 0;  // of angles_rad
+    Course turning_;
+    std::array<double, 2>
+        alone_at_rad_{};  // of a wheel that is pushed alone at its last change, and the other
+    int block_cycles_ = 0;
+    double block_s_ = 0;
+    std::size_t newest_ = 0;  // of what the wheels remember
     std::size_t remembered_ = 0;
-    double difference_before_ = 0;
-    double turning_against_ = 0;
 };
 
 }  // namespace wheelwright::task

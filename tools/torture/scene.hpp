@@ -80,7 +80,11 @@ class Scene {
     void tell_at(std::int64_t now_ns) {
         if (!told_s_) told_s_ = since_s(now_ns);
     }
-    void begin_harm() { harm_ns_ = sim_.now_ns(); }
+    void begin_harm() {
+        harm_ns_ = sim_.now_ns();
+        begun_rad_ = sim_.world().plant().wheel_angle_rad();
+    }
+    const WheelPair<double>& begun_rad() const { return begun_rad_; }  // the wheels' true angles then
     double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
     double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }
     // Everything as before the injection, but for what the robot has gone through.
@@ -98,6 +102,7 @@ class Scene {
     sim::Random random_;
     Simulation sim_;
     std::int64_t harm_ns_ = 0;
+    WheelPair<double> begun_rad_;
     std::optional<double> told_s_;
     std::uint8_t alive_ = 7;
 };
