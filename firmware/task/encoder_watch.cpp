@@ -6,11 +6,6 @@
 #include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/control/wheel_observer.hpp"
 
-#include <cstdio>
-#include <cstdlib>
-namespace {
-const bool dbg = std::getenv("LIES") != nullptr;
-}
 namespace wheelwright::task {
 namespace {
 
@@ -31,6 +26,8 @@ constexpr double kCameOutStays = 0.7;  // from one stillness to the next
 constexpr int kTongueFrames = 32;  // noise keeps no sign for so long
 constexpr double kTongueShare = 0.25;
 constexpr double kAgreeShare = 0.1;
+constexpr double kWildTimes = 4;
+constexpr double kSmoothest_rad = 0.003;  // angle and speed of the best encoder differ by at most
 
 constexpr std::size_t kMirrorSpan = 8;  // cycles, of a speed by differences
 constexpr std::size_t kMirrorApart = 16;
@@ -39,7 +36,7 @@ constexpr double kMirrorShare = 0.2;
 
 constexpr int kAgainstCycles = 8;  // a block: noise of the speeds is less than what full torque does in it
 constexpr double kAgainstShare = 0.5;
-constexpr double kForgotten = 0.03;   // of what full torque does
+constexpr double kForgotten = 0.03;  // of what full torque does
 constexpr double kAgainst_s = 0.02;  // of full torque
 
 double seconds(std::int64_t ns) { return 1e-9 * static_cast<double>(ns); }
@@ -156,14 +153,15 @@ bool EncoderWatch::still(Wheel& wheel, const drivers::DriveFeedback& told, doubl
     return false;
 }
 
-// An encoder's step is no more than twice what came out when it lately told anew after a stillness, and what it
-// has gone since shows how much less the first guess may be.
+// An encoder's step is no more than twice what came out when it lately told anew after a stillness, and what
+// it has gone since shows how much less the first guess may be.
 void EncoderWatch::learn_step(Wheel& wheel, double elapsed_s) const {
     if (wheel.step_rad == 0) wheel.step_rad = control::kCoarsestStep_rad;
     if (wheel.frames >= 0) return;
     if (wheel.coming_out > 0 && --wheel.coming_out == 0) {
         const double before_rad =
-            wheel.angles_rad[(newest_ + kRemembered - static_cast<std::size_t>(kComesOutCycles)) % kRemembered];
+            wheel.angles_rad[(newest_ + kRemembered - static_cast<std::size_t>(kComesOutCycles)) %
+                             kRemembered];
         const double out_rad = std::abs(wheel.angles_rad[newest_] - before_rad);
         wheel.came_out_rad = std::max(2 * out_rad, kCameOutStays * wheel.came_out_rad);
     }
@@ -204,17 +202,7 @@ bool EncoderWatch::goes_unseen(Wheel& wheel, double torque_Nm, double other_Nm, 
     wheel.unseen_rad += wheel.speed * elapsed_s;
     // What friction holds is not known so well that a fine encoder's step would tell.
     const double step_rad = wheel.turned ? wheel.step_rad : control::kCoarsestStep_rad;
-    const bool dl = wheel.frames >= kFrames && !(std::abs(wheel.unseen_rad) <= kUnseenSteps * step_rad);
-    if (dl && dbg)
-        std::fprintf(
-            stderr,
-            "FROZEN frames %d unseen %g step %g speed %g before6 %g before %g lately %g torque %g other %g "
-            "last %g held %g rubs %g limit %g own %g others %g slope %g\n",
-            wheel.frames, wheel.unseen_rad, wheel.step_rad, wheel.speed,
-            wheel.speeds_rad_per_s[(newest_ + kRemembered - kStopCycles - wheel.frames) % kRemembered],
-            wheel.speed_before, wheel.speed_lately, torque_Nm, other_Nm, wheel.torque_Nm, held_Nm_, rubs_Nm_,
-            torque_limit_Nm_, own, others, slope_Nm);
-    return dl;
+    return wheel.frames >= kFrames && !(std::abs(wheel.unseen_rad) <= kUnseenSteps * step_rad);
 }
 
 // Angle against speed, of one drive.
@@ -222,10 +210,11 @@ bool EncoderWatch::two_tongues(Wheel& wheel, const drivers::DriveFeedback& told)
     if (told.encoder_time_ns == wheel.last_told_ns) return false;
     const double moved = told.position_rad - wheel.last_angle_rad;
     const bool goes_on = told.speed_rad_per_s * wheel.last_told_speed > 0;
-    // The slower of two, as one of them may be wild.
-    const double speed = std::abs(told.speed_rad_per_s) < std::abs(wheel.last_told_speed)
-                             ? told.speed_rad_per_s
-                             : wheel.last_told_speed;
+    // One of two may be wild.
+    const double before = std::abs(wheel.last_told_speed);
+    const double speed = std::copysign(
+        std::abs(told.speed_rad_per_s) < kWildTimes * before ? std::abs(told.speed_rad_per_s) : before,
+        told.speed_rad_per_s);
     const double expected = speed * seconds(told.encoder_time_ns - wheel.last_told_ns);
     wheel.last_told_ns = told.encoder_time_ns;
     wheel.last_angle_rad = told.position_rad;
@@ -245,10 +234,8 @@ bool EncoderWatch::two_tongues(Wheel& wheel, const drivers::DriveFeedback& told)
     const bool lies = beside > kTongueShare * std::abs(wheel.by_speed_rad) + 2 * wheel.roughness_rad;
     // Learned where they agree well, or a lie would be learned too.
     if (beside <= kAgreeShare * std::abs(wheel.by_speed_rad))
-        wheel.roughness_rad = std::clamp(2 * beside, 0.6 * wheel.roughness_rad, control::kCoarsestStep_rad);
-    if (lies && dbg)
-        std::fprintf(stderr, "TONGUES beside %g by speed %g rough %g\n", wheel.beside_rad, wheel.by_speed_rad,
-                     wheel.roughness_rad);
+        wheel.roughness_rad = std::clamp(2 * beside, std::max(0.6 * wheel.roughness_rad, kSmoothest_rad),
+                                         control::kCoarsestStep_rad);
     wheel.of_one_sign = 0;
     wheel.beside_rad = wheel.by_speed_rad = 0;
     return lies;
@@ -268,9 +255,6 @@ bool EncoderWatch::mirrored(Wheel& wheel, double elapsed_s, const Response& resp
     const bool mirror =
         std::abs(now + before) < kMirrorShare * std::abs(before) && std::abs(before) > noise_rad + turned_rad;
     wheel.mirrored_cycles = mirror ? wheel.mirrored_cycles + 1 : 0;
-    if (dbg && wheel.mirrored_cycles >= kMirrorCycles)
-        std::fprintf(stderr, "MIRROR now %g before %g noise %g turned %g\n", now, before, noise_rad,
-                     turned_rad);
     return wheel.mirrored_cycles >= kMirrorCycles;
 }
 
@@ -311,10 +295,6 @@ bool EncoderWatch::against(Course& course, double speed, double full_rad_per_s2)
     const double forgotten = kForgotten * full_rad_per_s2 * block_s_;
     course.evidence = std::max(
         0.0, course.evidence + std::clamp(opposed, -should, should) - kAgainstShare * should - forgotten);
-    if (dbg && course.evidence > kAgainstShare * kAgainst_s * full_rad_per_s2)
-        std::fprintf(stderr, "AGAINST %s evidence %g should %g opposed %g full %g\n",
-                     &course == &turning_ ? "turn" : "wheel", course.evidence, should, opposed,
-                     full_rad_per_s2);
     return course.evidence > kAgainstShare * kAgainst_s * full_rad_per_s2;
 }
 
