@@ -85,7 +85,7 @@ class Scene {
         begun_rad_ = sim_.world().plant().wheel_angle_rad();
     }
     const WheelPair<double>& begun_rad() const { return begun_rad_; }  // the wheels' true angles then
-    double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
+    double since_s() const { return since_s(sim_.now_ns()); }          // since the injection
     double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }
     // Everything as before the injection, but for what the robot has gone through.
     void restore();

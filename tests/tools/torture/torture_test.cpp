@@ -177,10 +177,10 @@ TEST(TortureJudge, a_robot_that_is_pushed_off_its_way_or_pushed_quicker) {
 
 // Torque on a robot beyond the limits; one that coasts is nobody's.
 TEST(TortureJudge, a_robot_that_is_driven_too_fast) {
-    TortureKind kind = like("lie_half_speed");
-    kind.inject = [](Scene& s) {
-        for (sim::SimOdrive* drive : {&s.sim().world().left(), &s.sim().world().right()})
-            drive->faults().encoder_scale = 0.1;
+    TortureKind kind = like("save_while_driving");
+    kind.each = [](Scene& s) {
+        s.sim().world().plant().place(s.sim().world().pose(),
+                                      {3 * s.setup().believed.safety.over_speed_m_per_s, 0});
     };
     sees(kind, "too fast");
 }
