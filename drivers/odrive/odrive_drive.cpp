@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
+#include <limits>
 
 #include "drivers/odrive/odrive_0_5_messages.hpp"
 #include "drivers/odrive/odrive_0_6_messages.hpp"
@@ -102,6 +104,8 @@ OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel
     c.heartbeat_period_s = drive.heartbeat_period_ms * 1e-3;
     c.encoder_period_s = drive.encoder_period_ms * 1e-3;
     c.torque_period_s = drive.torque_period_ms * 1e-3;
+    c.supply_period_s = drive.supply_period_ms * 1e-3;
+    c.temperature_period_s = drive.temperature_period_ms * 1e-3;
     c.heartbeat_timeout_s = drive.heartbeat_timeout_s;
     c.arming_timeout_s = drive.arming_timeout_s;
     c.watchdog_assured = drive.watchdog_assured;
@@ -162,6 +166,14 @@ OdriveDrive::OdriveDrive(const OdriveConfig& config)
         } else {
             add_frame(gen6::GetTorques::name, gen6::GetTorques::command, false, config.torque_period_s);
         }
+    }
+    if (config.supply_period_s > 0) {
+        add_frame(gen6::GetBusVoltageCurrent::name, gen6::GetBusVoltageCurrent::command, false,
+                  config.supply_period_s);
+    }
+    if (config.temperature_period_s > 0 && config.generation == OdriveGeneration::v0_6) {
+        add_frame(gen6::GetTemperature::name, gen6::GetTemperature::command, false,
+                  config.temperature_period_s);
     }
     add_frame(gen6::SetInputTorque::name, gen6::SetInputTorque::command, true, config.cycle_period_s);
 }
@@ -249,16 +261,15 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         }
         case gen6::GetBusVoltageCurrent::command: {
             gen6::GetBusVoltageCurrent supply;
-            if (decode(frame, supply)) feedback_.bus_voltage_V = double{supply.bus_voltage_V};
+            if (!decode(frame, supply)) break;
+            feedback_.bus_voltage_V = double{supply.bus_voltage_V};
+            feedback_.supply_time_ns = received.timestamp_ns;
             break;
         }
-        case gen6::GetTemperature::command: {
-            if (config_.generation != OdriveGeneration::v0_6) break;
-            gen6::GetTemperature temperature;
-            if (decode(frame, temperature))
-                feedback_.temperature_degC = double{temperature.fet_temperature_degC};
+        case gen6::GetTemperature::command:
+            // In 0.5 the sensorless estimates: such a drive tells heat by its error over_temp alone.
+            if (config_.generation == OdriveGeneration::v0_6) take_temperatures(frame, received.timestamp_ns);
             break;
-        }
         case gen6::TxSdo::command: {
             if (config_.generation != OdriveGeneration::v0_6) break;
             gen6::TxSdo answer;
@@ -280,6 +291,22 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
             break;
     }
     return true;
+}
+
+// A motor without a thermistor is told as no number.
+void OdriveDrive::take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns) {
+    if (frame.length != gen6::GetTemperature::length) {
+        ++counters_.wrong_length;
+        return;
+    }
+    std::array<float, 2> told_degC{};
+    std::memcpy(told_degC.data(), frame.data.data(), sizeof told_degC);
+    const auto measured = [](float told) {
+        return std::isfinite(told) ? double{told} : std::numeric_limits<double>::quiet_NaN();
+    };
+    feedback_.inverter_temperature_degC = measured(told_degC[0]);
+    feedback_.motor_temperature_degC = measured(told_degC[1]);
+    feedback_.temperature_time_ns = time_ns;
 }
 
 void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns) {

@@ -65,7 +65,9 @@ struct OdriveConfig {
     double cycle_period_s = 0.001;  // of command_torque
     double heartbeat_period_s = 0.1;
     double encoder_period_s = 0.001;
-    double torque_period_s = 0.01;  // 0: off
+    double torque_period_s = 0.01;    // 0: off
+    double supply_period_s = 0;       // 0: off
+    double temperature_period_s = 0;  // 0: off
     double heartbeat_timeout_s = 0.35;
     double arming_timeout_s = 2;
     bool watchdog_assured = false;
@@ -78,6 +80,10 @@ struct OdriveConfig {
 
 // Here a float still tells a count of 8192 a revolution; so does the drive's own, which counts in floats.
 inline constexpr double kLargestPosition_rev = 1024;
+
+// The factory's settings, 0.5 and 0.6: below 8 V a drive stops by itself; above 60 V no board of any size is
+// whole; from 100 degC on the current is reduced, to nothing at 120 degC: half of it is left at 110.
+inline constexpr DriveRatings kOdriveRatings{8, 60, 110};
 
 // What the robot file says about one wheel's drive.
 OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel);
@@ -103,6 +109,7 @@ class OdriveDrive final : public MotorDrive {
     ArmRefusal refusal() const override { return refusal_; }
     const DriveFeedback& feedback() const override { return feedback_; }
     const DriveCounters& counters() const override { return counters_; }
+    const DriveRatings& ratings() const override { return kOdriveRatings; }
     std::span<const DriveFrame> frames() const override { return {frames_.data(), frame_count_}; }
     std::string_view error_name(std::uint32_t bit) const override {
         return odrive_error_name(config_.generation, bit);
@@ -152,6 +159,7 @@ class OdriveDrive final : public MotorDrive {
     void send_closed_loop(FrameSink& out);
     void send_motor_torque(double motor_torque_Nm, FrameSink& out);
 
+    void take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns);
     void take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns);
     void count_anew(FrameSink& out);
     void take_foreign(const hal::CanFrame& frame);
@@ -180,7 +188,7 @@ class OdriveDrive final : public MotorDrive {
 
     DriveFeedback feedback_;
     DriveCounters counters_;
-    std::array<DriveFrame, 4> frames_{};
+    std::array<DriveFrame, 6> frames_{};
     std::size_t frame_count_ = 0;
 
     static constexpr int kFarFrames = 8;  // one alone may be nonsense

@@ -21,9 +21,9 @@ constexpr int kEndingCycles = 500;
 supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) {
     const auto ramps = [](model::StopReaction reaction) { return reaction == model::StopReaction::ramp; };
     supervisor::SupervisorConfig config;
-    config.stops = {ramps(p.safety.stale_command_reaction), ramps(p.safety.over_speed_reaction),
+    config.stops = {ramps(p.safety.stale_command_reaction),  ramps(p.safety.over_speed_reaction),
                     ramps(p.safety.emergency_stop_reaction), ramps(p.safety.overrun_reaction),
-                    ramps(p.safety.terminate_reaction)};
+                    ramps(p.safety.terminate_reaction),      ramps(p.safety.drive_limits_reaction)};
     // The drives report their own time-out first; this is the limit if they report nothing.
     config.arming_limit_cycles = static_cast<std::int32_t>(1.5 * p.drive.arming_timeout_s / kCyclePeriod_s);
     return config;
@@ -57,6 +57,7 @@ void Cycle::configure() {
     rough_model_ = false;
     senses_.configure(parameters_);
     encoder_watch_.configure(control::encoder_watch_settings(parameters_));
+    drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
     model_known_ = model::dynamics_known(parameters_);
@@ -130,6 +131,11 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     const auto& safety = parameters_.safety;
     told.command_stale = alone ? host_gone(host_, seen.now_ns, safety.host_timeout_s)
                                : late(host_, mode.setpoint, seen.now_ns, safety.stale_command_cycles);
+    const DriveLimits::Verdict& drives =
+        drive_limits_.look(seen.now_ns, ports_.left.feedback(), ports_.right.feedback());
+    told.supply_low = drives.supply_low;
+    told.supply_high = drives.supply_high;
+    told.drive_overheated = drives.overheated;
     told.drive_enable_failed = enable_failed_;
     told.path_known = !control_.pace().running();
     told.stop_line_active =

@@ -17,6 +17,7 @@
 #include "firmware/supervisor/supervisor.hpp"
 #include "firmware/task/bus_meter.hpp"
 #include "firmware/task/cycle_schedule.hpp"
+#include "firmware/task/drive_limits.hpp"
 #include "firmware/task/host_link.hpp"
 #include "firmware/task/judge.hpp"
 #include "firmware/task/learning.hpp"
@@ -127,6 +128,7 @@ class Cycle {
     supervisor::Conditions conditions_;
     Senses senses_;
     control::EncoderWatch encoder_watch_;
+    DriveLimits drive_limits_;
     Judge judge_;
     MotionControl control_;
     Learning learning_;

@@ -34,13 +34,14 @@ enum class ReportPart : std::uint8_t {
     ident,
     ident_sizing,
     drives,
+    drive_health,
     pace,
     timing,
     bus_load,
     design,
     counters,
 };
-inline constexpr std::size_t kReportParts = 12;
+inline constexpr std::size_t kReportParts = 13;
 
 inline constexpr std::size_t kEffectParameters = [] {
     std::size_t total = 0;
@@ -64,7 +65,9 @@ struct CycleReport {
     protocol::IdentStatus ident;
     std::array<double, protocol::ident_quantity_values.size()> ident_quantities{};
     std::uint8_t drive_generation = 0;
-    std::array<std::uint32_t, 2> drive_error_bits{};  // left, right
+    std::array<std::uint32_t, 2> drive_error_bits{};      // left, right
+    std::array<protocol::DriveHealth, 2> drive_health{};  // left, right
+    bool drive_health_told = false;                       // a drive reports some of it, or should
     protocol::TrajectoryPace pace;
     bool pace_known = false;
     protocol::Timing timing;
@@ -103,7 +106,7 @@ class Telemetry {
         std::uint64_t due;
         ReportPart part;
     };
-    static constexpr std::size_t kSlots = 21;
+    static constexpr std::size_t kSlots = 22;
 
     bool build_message(std::uint32_t id, const CycleReport& report, Frame& out);
 
@@ -118,6 +121,7 @@ class Telemetry {
     std::size_t effect_turn_ = 0;
     std::size_t effect_error_turn_ = 0;
     std::size_t drive_turn_ = 0;
+    std::size_t health_turn_ = 0;
     std::size_t quantity_turn_ = 0;
     std::uint8_t alive_ = 0;
 };

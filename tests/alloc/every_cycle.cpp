@@ -367,6 +367,9 @@ void fail_in_every_way(Visit& visit) {
         Case{[&] { visit.host().silence(); }, nothing},
         Case{[&] { visit.world().left().raise_error(0x40); }, nothing},
         Case{[&] { visit.world().right().drop_out(); }, nothing},
+        Case{[&] { left_faults(visit).supply_sags_V = 20; }, [&] { left_faults(visit).supply_sags_V = 0; }},
+        Case{[&] { left_faults(visit).supply_sags_V = -60; }, [&] { left_faults(visit).supply_sags_V = 0; }},
+        Case{[&] { left_faults(visit).heats_degC = 100; }, [&] { left_faults(visit).heats_degC = 0; }},
         Case{[&] { left_faults(visit).powered_off = true; }, [&] { left_faults(visit).powered_off = false; }},
         Case{[&] { left_faults(visit).motor_unplugged = true; },
              [&] { left_faults(visit).motor_unplugged = false; }},
@@ -438,7 +441,7 @@ void terminate(Visit& visit, bool moving) {
 
 model::RobotParameters reacting(model::RobotParameters p, model::StopReaction reaction) {
     p.safety.stale_command_reaction = p.safety.over_speed_reaction = p.safety.emergency_stop_reaction =
-        p.safety.overrun_reaction = p.safety.terminate_reaction = reaction;
+        p.safety.overrun_reaction = p.safety.terminate_reaction = p.safety.drive_limits_reaction = reaction;
     p.safety.over_speed_m_per_s = 1.5;
     return p;
 }
@@ -459,8 +462,10 @@ std::vector<std::string> Tour::missing() const {
     std::vector<std::string> out;
     list(out, "mode", protocol::mode_values, mode, {Mode::boot});  // before the first cycle's end
     list(out, "coasting after", protocol::fault_values, coasted, {Fault::none});
-    for (const Fault fault : {Fault::stale_command, Fault::over_speed, Fault::emergency_stop_line,
-                              Fault::emergency_stop_message, Fault::cycle_overrun, Fault::terminated}) {
+    for (const Fault fault :
+         {Fault::stale_command, Fault::over_speed, Fault::emergency_stop_line, Fault::emergency_stop_message,
+          Fault::cycle_overrun, Fault::drive_voltage_out_of_range, Fault::drive_overheated,
+          Fault::terminated}) {
         // A stop line that is still active turns braking into coasting in the next cycle.
         if (!ramped[std::size_t(fault)]) out.push_back("braking after " + std::string(to_string_view(fault)));
     }
@@ -505,6 +510,8 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         const bool ramps = reaction == model::StopReaction::ramp;
         bench::ExampleRobots robots = known;
         robots.controller = reacting(known.controller, reaction);
+        for (model::RobotParameters* p : {&robots.controller, &robots.truth})
+            p->drive.supply_period_ms = p->drive.temperature_period_ms = 20;
         visit(ramps ? "faults met by braking" : "faults met by coasting", robots, lines, fail_in_every_way);
         visit("termination while driving", robots, lines, [](Visit& v) { terminate(v, true); });
     }

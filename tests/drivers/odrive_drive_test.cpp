@@ -680,10 +680,31 @@ TEST(OdriveFeedback, torque_comes_from_current_in_0_5_and_from_the_estimate_in_0
 
 TEST(OdriveFeedback, supply_voltage_and_temperature_are_passed_on) {
     Bench b(config(OdriveGeneration::v0_6));
-    b.receive(0x077, {0, 0, 0xC0, 0x41, 0, 0, 0, 0});  // 24 V
-    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0, 0});     // 32 degC
+    CHECK_EQUAL(0, b.drive.feedback().supply_time_ns);
+    CHECK_EQUAL(0, b.drive.feedback().temperature_time_ns);
+    b.receive(0x077, {0, 0, 0xC0, 0x41, 0, 0, 0, 0});     // 24 V
+    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0x80, 0x42});  // 32 degC, 64 degC
     DOUBLES_EQUAL(24, b.drive.feedback().bus_voltage_V, 0);
-    DOUBLES_EQUAL(32, b.drive.feedback().temperature_degC, 0);
+    DOUBLES_EQUAL(32, b.drive.feedback().inverter_temperature_degC, 0);
+    DOUBLES_EQUAL(64, b.drive.feedback().motor_temperature_degC, 0);
+    CHECK(b.drive.feedback().supply_time_ns > 0);
+    CHECK(b.drive.feedback().temperature_time_ns > 0);
+}
+
+TEST(OdriveFeedback, a_motor_without_a_thermistor_has_no_temperature_and_its_inverter_has_one) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0xC0, 0x7F});  // 32 degC, NaN
+    DOUBLES_EQUAL(32, b.drive.feedback().inverter_temperature_degC, 0);
+    CHECK(std::isnan(b.drive.feedback().motor_temperature_degC));
+    CHECK_EQUAL(0U, b.drive.counters().not_finite);
+    b.receive(0x075, {0, 0, 0, 0x42});
+    CHECK_EQUAL(1U, b.drive.counters().wrong_length);
+}
+
+TEST(OdriveFeedback, sensorless_estimates_of_0_5_are_no_temperatures) {
+    Bench b(config(OdriveGeneration::v0_5));
+    b.receive(0x075, {0, 0, 2, 0x43, 0, 0, 2, 0x43});  // 130 turns, 130 turns a second
+    CHECK_EQUAL(0, b.drive.feedback().temperature_time_ns);
 }
 
 TEST(OdriveFeedback, commanded_wheel_torque_becomes_motor_torque) {

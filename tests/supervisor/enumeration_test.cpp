@@ -2,6 +2,7 @@
 // that know nothing of its tables: what must never happen (`Judge`), and what happens instead (`expected`).
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <cstdio>
 #include <initializer_list>
@@ -57,8 +58,8 @@ constexpr int kLimit = 2;  // cycles for arming, and for a ramp
 SupervisorConfig config_of(unsigned choices) {
     SupervisorConfig c;
     c.arming_limit_cycles = c.ramp_limit_cycles = kLimit;
-    c.stops = {(choices & 1U) != 0, (choices & 2U) != 0, (choices & 4U) != 0, (choices & 8U) != 0,
-               (choices & 16U) != 0};
+    c.stops = {(choices & 1U) != 0, (choices & 2U) != 0,  (choices & 4U) != 0,
+               (choices & 8U) != 0, (choices & 16U) != 0, std::popcount(choices) % 2 != 0};
     return c;
 }
 
@@ -69,7 +70,8 @@ bool may_brake(const Conditions& c, const StopChoices& may, bool with_setpoint) 
                            c.torque_not_followed || c.drive_enable_failed || c.foreign_control || c.bus_down;
     const bool told_to_coast = ((c.stop_line_active || c.stop_message) && !may.emergency_stop_ramps) ||
                                (c.over_speed && !may.over_speed_ramps) || (c.overrun && !may.overrun_ramps) ||
-                               (c.terminate && !may.terminate_ramps) ||
+                               (c.terminate && !may.terminate_ramps) || c.supply_high ||
+                               ((c.supply_low || c.drive_overheated) && !may.drive_limits_ramp) ||
                                (c.command_stale && with_setpoint && !may.stale_command_ramps);
     return !blind && !disobeyed && !told_to_coast;
 }
@@ -93,6 +95,8 @@ Fault danger(const Conditions& c, Mode mode, Phase phase) {
     if (c.feedback_stale) return Fault::stale_feedback;
     if (c.encoder_implausible) return Fault::encoder_implausible;
     if (c.over_speed) return Fault::over_speed;
+    if (c.supply_low || c.supply_high) return Fault::drive_voltage_out_of_range;
+    if (c.drive_overheated) return Fault::drive_overheated;
     if (c.command_stale && phase == Phase::steady && has_setpoint(mode)) return Fault::stale_command;
     if (c.terminate) return Fault::terminated;
     return Fault::none;
@@ -107,6 +111,7 @@ Blocker in_the_way(const Conditions& c, Mode wanted, const State& s) {
     if (c.terminate) return Blocker::fault_latched;
     if (c.drive_silent) return Blocker::drives_not_armed;
     if (c.drive_error) return Blocker::drive_error;
+    if (c.supply_low || c.supply_high || c.drive_overheated) return Blocker::drive_out_of_limits;
     if (wanted == Mode::ident && c.moving) return Blocker::robot_moving;
     if (has_loops(wanted) && !c.model_known) return Blocker::not_identified;
     if (has_loops(wanted) && !c.velocity_design_accepted) return Blocker::design_refused;
@@ -208,6 +213,9 @@ constexpr std::array kConditions{&Conditions::feedback_stale,
                                  &Conditions::torque_not_followed,
                                  &Conditions::drive_enable_failed,
                                  &Conditions::foreign_control,
+                                 &Conditions::supply_low,
+                                 &Conditions::supply_high,
+                                 &Conditions::drive_overheated,
                                  &Conditions::drive_silent,
                                  &Conditions::drives_armed,
                                  &Conditions::path_known,
@@ -368,6 +376,8 @@ class Judge {
         reacts(c.over_speed, may.over_speed_ramps, "over-speed: reaction");
         reacts(c.overrun, may.overrun_ramps, "overrun: reaction");
         reacts(c.terminate, may.terminate_ramps, "termination: reaction");
+        reacts(c.supply_low || c.drive_overheated, may.drive_limits_ramp, "drives' limits: reaction");
+        reacts(c.supply_high, false, "supply too high: reaction");
         reacts(c.command_stale && has_setpoint(before.mode), may.stale_command_ramps,
                "stale command: reaction");
     }

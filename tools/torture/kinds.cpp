@@ -513,14 +513,37 @@ constexpr std::array kKinds{
                     }
                     s.foreign(frame);
                 }},
-    TortureKind{"low_supply_reported", "drives report a supply of 5 V", Expect::stops, "*", nullptr,
+    TortureKind{"low_supply_reported", "drives report a supply of 5 V", Expect::stops,
+                "drive_voltage_out_of_range", nullptr,
                 [](Scene& s) {
                     for (const std::size_t side : {0U, 1U})
                         s.foreign(s.to_drive(side, odrive::GetBusVoltageCurrent::command, bits_of(5.F)));
                 },
                 implausible, "100 ms"},
-    TortureKind{"heat_reported", "drives report 130 degC", Expect::stops, "*", nullptr,
+    TortureKind{"high_supply_reported", "a drive reports a supply of 80 V", Expect::stops,
+                "drive_voltage_out_of_range", nullptr,
                 [](Scene& s) {
+                    s.foreign(s.to_drive(s.setup().side, odrive::GetBusVoltageCurrent::command, bits_of(80.F)));
+                },
+                implausible, "100 ms"},
+    TortureKind{"wild_reports", "one report in ten of supply and heat is wild: no number, 0 or 3e38",
+                Expect::serves, "", nullptr,
+                [](Scene& s) {
+                    constexpr std::array<float, 4> kWild{std::numeric_limits<float>::quiet_NaN(), 0, 3e38F,
+                                                         -3e38F};
+                    const bool wild = ++s.count % 10 == 0;
+                    const auto value = [&](float plain) { return bits_of(wild ? kWild[s.random().bits() % 4] : plain); };
+                    const std::size_t side = s.setup().side;
+                    s.foreign(s.to_drive(side, odrive::GetBusVoltageCurrent::command, value(24)));
+                    s.foreign(s.to_drive(side, odrive::GetTemperature::command, value(40), value(40)));
+                }},
+    // A drive of 0.5 has no such frame, and tells heat by its error.
+    TortureKind{"heat_reported", "drives report 130 degC", Expect::stops, "drive_overheated,drive_error",
+                [](Scene& s) {
+                    if (s.setup().truth.drive.generation == 5) s.drive().raise_error(0x2'0000);
+                },
+                [](Scene& s) {
+                    if (s.setup().truth.drive.generation == 5) return;
                     for (const std::size_t side : {0U, 1U})
                         s.foreign(s.to_drive(side, odrive::GetTemperature::command, bits_of(130.F),
                                              bits_of(130.F)));

@@ -42,8 +42,6 @@ constexpr Known kKnown[] = {
     {"lie_half_speed", 29, "quicker"},
     {"origin_jump", 75, "false trip"},           // over_speed
     {"swapped_nodes", 7, "quicker"},
-    {"low_supply_reported", 1, "goes on"},       // decoded, and no limit
-    {"heat_reported", 1, "goes on"},
     {"clock_forward", 1, "name"},                // over_speed
     {"foreign_arming_flood", 1, "late"},
     // clang-format on
