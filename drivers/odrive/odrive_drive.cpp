@@ -28,6 +28,17 @@ constexpr std::int64_t kIdleAgain_ns = 50'000'000;
 constexpr double kTorqueSlack = 0.1;
 constexpr int kWrongTorques = 2;
 
+// Longer than this many encoder periods between two encoder frames: some are missing; and so many that a
+// drive may have been switched on anew.
+constexpr double kGap = 1.5;
+constexpr double kLongGap = 5;
+// A wheel's turn of which no encoder tells less: see wheel_observer.hpp.
+constexpr double kCoarsestStep_turns = 1.0 / 64;
+// Frames of another generation's form: doubt, and no doubt.
+constexpr int kStrange = 2;
+constexpr int kSurelyOther = 3, kMostStrange = 4;
+constexpr std::int64_t kInsists_ns = 1'000'000'000;
+
 constexpr std::uint32_t kSetInputPosition = 0x0C;  // never sent by this driver
 
 struct ErrorName {
@@ -249,7 +260,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::GetTorques::command: {
             if (config_.generation != OdriveGeneration::v0_6) {
                 // In 0.5 this number is the answer to a question, and never comes by itself.
-                other_generation_ = other_generation_ || !asked_by_others_;
+                if (!asked_by_others_) take_evidence(true);
                 break;
             }
             gen6::GetTorques torques;
@@ -285,7 +296,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::SetLimits::command:
         case gen6::ClearErrors::command:
         case gen6::SetAbsolutePosition::command:
-            take_foreign(frame);
+            take_foreign(frame, received.timestamp_ns);
             break;
         default:
             break;
@@ -311,7 +322,14 @@ void OdriveDrive::take_temperatures(const hal::CanFrame& frame, std::int64_t tim
 
 void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns) {
     const double before = position_rev_;
+    if (feedback_.encoder_time_ns != 0) {
+        const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
+        const bool anew = begins_anew(position_rev, speed_rev_per_s, time_ns);
+        if (anew) origin_rev_ += before + speed_rev_per_s_ * since_s - position_rev;
+        if (anew || since_s > kLongGap * config_.encoder_period_s) take_return(anew);
+    }
     position_rev_ = position_rev;
+    speed_rev_per_s_ = speed_rev_per_s;
     const bool was_far = far_frames_ >= kFarFrames;
     if (std::abs(position_rev) > kLargestPosition_rev &&
         std::abs(position_rev - before) < kLargestPosition_rev / 2) {
@@ -331,6 +349,29 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
     feedback_.encoder_time_ns = time_ns;
 }
 
+// After a gap: whether the drive cannot have gone there by itself from where it was. At twice its speed it
+// may; at exactly 0 and at rest it is not, unless it was there before.
+bool OdriveDrive::begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const {
+    const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
+    if (since_s <= kGap * config_.encoder_period_s || told_to_count_anew_ > 0) return false;
+    if (position_rev == 0 && speed_rev_per_s == 0) return position_rev_ != 0;
+    const double expected_rev = speed_rev_per_s_ * since_s;
+    const double off_rev = std::abs(position_rev - position_rev_ - expected_rev);
+    return off_rev > std::abs(expected_rev) + kCoarsestStep_turns * config_.gear_ratio;
+}
+
+void OdriveDrive::take_return(bool anew) {
+    if (phase_ == Phase::resting) {
+        to_idle_ = true;
+        idle_sent_ = false;
+        to_idle_since_ns_ = now_ns_;
+    } else if (anew && phase_ == Phase::armed) {
+        fail(DriveFault::left_armed);
+    } else if (anew) {
+        end_arming(ArmRefusal::silent);
+    }
+}
+
 void OdriveDrive::count_anew(FrameSink& out) {
     constexpr int kTimes = 3;
     constexpr std::int64_t kPatience_ns = 100'000'000;
@@ -345,12 +386,14 @@ void OdriveDrive::count_anew(FrameSink& out) {
     }
 }
 
-void OdriveDrive::take_foreign(const hal::CanFrame& frame) {
+void OdriveDrive::take_foreign(const hal::CanFrame& frame, std::int64_t time_ns) {
     ++counters_.foreign_commands;
     switch (frame.id & 0x1FU) {
         case gen6::SetAxisState::command:
             if (frame.length >= 1 && frame.data[0] == static_cast<std::uint8_t>(kIdle)) break;
             ++counters_.foreign_control;
+            others_insist_ = armed_by_others_ns_ != 0 && time_ns - armed_by_others_ns_ < kInsists_ns;
+            armed_by_others_ns_ = time_ns;
             break;
         case gen6::SetControllerMode::command:
         case kSetInputPosition:
@@ -391,10 +434,16 @@ void OdriveDrive::take_heartbeat(const hal::CanFrame& frame, std::int64_t time_n
         axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
     }
     note_errors();
-    other_generation_ = other_generation_ || is_of_other_generation(frame);
+    take_evidence(is_of_other_generation(frame));
     feedback_.heartbeat_time_ns = time_ns;
     silent_ = false;
     judge_heartbeat(time_ns);
+}
+
+// One frame alone, which anybody may have sent, is no evidence; and what a drive really sends comes again.
+void OdriveDrive::take_evidence(bool of_other_generation) {
+    const int step = of_other_generation ? kStrange : -1;
+    other_generation_ = std::clamp(other_generation_ + step, 0, kMostStrange);
 }
 
 void OdriveDrive::note_errors() { feedback_.error_bits = heartbeat_error_ | told_error_; }
@@ -445,6 +494,7 @@ void OdriveDrive::update(std::int64_t now_ns, FrameSink& out) {
             fault_ = DriveFault::silent;
         }
     }
+    if (others_insist_) send_estop(out);
     take_requests(out);
     if (phase_ == Phase::arming) run_arming(out);
     if (phase_ == Phase::resting && to_idle_) run_to_idle(out);
@@ -479,8 +529,10 @@ void OdriveDrive::take_requests(FrameSink& out) {
     }
     if (!arm || phase_ != Phase::resting) return;
     refusal_ = ArmRefusal::none;
-    arm_requested_ = clearing_;  // until a heartbeat tells what is left
-    if (!clearing_) begin_arming();
+    // Until a heartbeat tells what is left, or of which generation it is.
+    const bool waits = clearing_ || (other_generation_ > 0 && other_generation_ < kSurelyOther && !silent_);
+    arm_requested_ = waits;
+    if (!waits) begin_arming();
 }
 
 void OdriveDrive::begin_arming() {
@@ -488,7 +540,7 @@ void OdriveDrive::begin_arming() {
         refusal_ = ArmRefusal::silent;
         return;
     }
-    if (other_generation_) {
+    if (other_generation_ >= kSurelyOther) {
         refusal_ = ArmRefusal::other_generation;
         return;
     }
@@ -651,7 +703,7 @@ DriveState OdriveDrive::state() const {
     if (silent_) return DriveState::silent;
     if (phase_ == Phase::armed) return DriveState::armed;
     if (phase_ == Phase::arming) return DriveState::arming;
-    if (other_generation_) return DriveState::other_generation;
+    if (other_generation_ >= kSurelyOther) return DriveState::other_generation;
     if (clearing_) return DriveState::arming;
     if (fault_ != DriveFault::none || has_idle_error()) return DriveState::fault;
     if (to_idle_) return DriveState::arming;
@@ -715,6 +767,12 @@ void OdriveDrive::send_idle(FrameSink& out) {
     idle_sent_ns_ = now_ns_;
 }
 
+// Of a drive's identifiers only the heartbeat's goes first: it leaves on a bus that somebody floods.
+void OdriveDrive::send_estop(FrameSink& out) {
+    send(gen6::Estop{}, out);
+    others_insist_ = false;
+}
+
 void OdriveDrive::send_clear_errors(FrameSink& out) {
     told_error_ = 0;
     if (config_.generation == OdriveGeneration::v0_5) {
@@ -733,7 +791,7 @@ void OdriveDrive::send_torque_mode(FrameSink& out) {
 
 void OdriveDrive::send_zero_torque(FrameSink& out) { send_motor_torque(0, out); }
 
-void OdriveDrive::send_motor_torque(double motor_torque_Nm, FrameSink& out) {
+void OdriveDrive::send_motor_torque(double motor_torque_Nm, FrameSink& out) const {
     gen6::SetInputTorque torque;
     torque.input_torque_Nm = static_cast<float>(motor_torque_Nm);
     send(torque, out);

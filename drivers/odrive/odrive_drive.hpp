@@ -29,7 +29,15 @@
 // died.
 //
 // An axis that is in closed loop although this driver has not asked for it is a fault, and told to go idle.
-// So is somebody else's set-point, or request for another state than idle: counted as foreign_control.
+// So is somebody else's set-point, or request for another state than idle: counted as foreign_control. Who
+// asks for such a state again within a second is not answered by idle but by Estop, an error that keeps the
+// axis idle until request_clear_errors().
+//
+// A drive that has been away may have been switched off, and may be set to come back in closed loop, in a
+// mode of its own; its heartbeat says so late. So the first encoder frame after a gap counts: where it does
+// not go on from the last one (after power-on a drive counts from 0), a drive that was armed has left that
+// state; and one that is not armed is told to go idle after any long gap, whatever it is. Its position goes
+// on meanwhile with the speed it had.
 //
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
 //
@@ -152,19 +160,23 @@ class OdriveDrive final : public MotorDrive {
     void take_answer(std::uint16_t endpoint, std::uint32_t value);
     void judge_torque(double motor_torque_Nm);
     void send_idle(FrameSink& out);
+    void send_estop(FrameSink& out);
     void send_clear_errors(FrameSink& out);
     void send_torque_mode(FrameSink& out);
     void send_zero_torque(FrameSink& out);
     void send_question(FrameSink& out);
     void send_closed_loop(FrameSink& out);
-    void send_motor_torque(double motor_torque_Nm, FrameSink& out);
+    void send_motor_torque(double motor_torque_Nm, FrameSink& out) const;
 
     void take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns);
+    bool begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const;
+    void take_return(bool anew);
     void take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns);
     void count_anew(FrameSink& out);
-    void take_foreign(const hal::CanFrame& frame);
+    void take_foreign(const hal::CanFrame& frame, std::int64_t time_ns);
     void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
     bool is_of_other_generation(const hal::CanFrame& heartbeat) const;
+    void take_evidence(bool of_other_generation);
     void note_errors();
     void judge_heartbeat(std::int64_t time_ns);
     void take_requests(FrameSink& out);
@@ -193,7 +205,8 @@ class OdriveDrive final : public MotorDrive {
 
     static constexpr int kFarFrames = 8;  // one alone may be nonsense
     double position_rev_ = 0;             // as the drive counts
-    double origin_rev_ = 0;               // what it has counted before
+    double speed_rev_per_s_ = 0;
+    double origin_rev_ = 0;  // what it has counted before
     double last_far_rev_ = 0;
     std::int64_t last_far_ns_ = 0;
     int far_frames_ = 0;
@@ -206,9 +219,13 @@ class OdriveDrive final : public MotorDrive {
     DriveFault fault_ = DriveFault::none;
     std::uint32_t axis_state_ = 0;
     std::uint32_t heartbeat_error_ = 0;
-    std::uint32_t told_error_ = 0;   // 0.6: in Get_Error, where the drive sends it
-    bool other_generation_ = false;  // a frame had a form that the configured generation does not have
+    std::uint32_t told_error_ = 0;  // 0.6: in Get_Error, where the drive sends it
+    // For frames of a form that the configured generation does not have, against heartbeats that it may have:
+    // up by two, down by one.
+    int other_generation_ = 0;
     bool asked_by_others_ = false;
+    std::int64_t armed_by_others_ns_ = 0;  // somebody's last request for another state than idle
+    bool others_insist_ = false;  // there were two within a second, the last of them not answered yet
     bool silent_ = true;
 
     bool arm_requested_ = false;

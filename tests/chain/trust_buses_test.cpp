@@ -184,10 +184,10 @@ TEST(ChainBuses, a_drive_that_comes_back_armed_is_named_and_gets_no_torque) {
                                          std::to_string(worst.last_torque_s) + " s, fastest rim " +
                                          std::to_string(worst.rim_m_per_s) + ", fault " +
                                          std::to_string(int(scene.fault()));
-                // two reports and two heartbeats, which may name a better reason
-                CHECK_TEXT(worst.last_torque_s <= 0.16, text.c_str());
-                CHECK_TEXT(worst.rim_m_per_s <= speed + 0.25, text.c_str());
-                CHECK_TEXT(scene.fault() != Fault::none, text.c_str());
+                // Its first frame tells it; the cycle after that answers.
+                CHECK_TEXT(worst.last_torque_s <= 0.005, text.c_str());
+                CHECK_TEXT(worst.rim_m_per_s <= speed + 0.05, text.c_str());
+                if (speed > 0) CHECK_TEXT(scene.fault() != Fault::none, text.c_str());
                 CHECK_FALSE_TEXT(drive.armed(), text.c_str());
             }
         }

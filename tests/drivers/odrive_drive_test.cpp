@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <initializer_list>
 #include <limits>
 
@@ -66,6 +67,13 @@ struct Bench {
     }
     void heartbeat(int state, int error_byte_1 = 0) {
         receive(0x061, {0, error_byte_1, 0, 0, state, 0, 0, 0});
+    }
+
+    void encoder(float turns, float turns_per_s) {
+        hal::CanFrame f = frame(0x069, {0, 0, 0, 0, 0, 0, 0, 0});
+        std::memcpy(f.data.data(), &turns, 4);
+        std::memcpy(f.data.data() + 4, &turns_per_s, 4);
+        drive.accept({f, now + 1000});
     }
 
     // Arms without looking: an idle drive that obeys.
@@ -312,8 +320,10 @@ TEST(OdriveArming, frames_of_the_other_generation_are_told_and_refused) {
         b.heartbeat(1);
         b.cycle();
         CHECK(b.drive.state() == DriveState::idle);
-        b.receive(each.id, each.bytes);
-        b.heartbeat(1);
+        for (int i = 0; i < 3; ++i) {  // what a drive really sends comes again
+            b.receive(each.id, each.bytes);
+            b.heartbeat(1);
+        }
         CHECK_EQUAL(each.other, b.drive.state() == DriveState::other_generation);
         b.cycle();
         b.drive.request_arm();
@@ -321,6 +331,33 @@ TEST(OdriveArming, frames_of_the_other_generation_are_told_and_refused) {
         CHECK_EQUAL(each.other, b.drive.refusal() == ArmRefusal::other_generation);
         CHECK_EQUAL(each.other, b.sent.count == 0);
     }
+}
+
+// Anybody may send one such frame.
+TEST(OdriveArming, one_frame_of_the_other_generation_is_no_evidence_and_some_are_forgotten) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.receive(0x061, {0, 0, 0, 0, 1, 0, 0, 1});
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    b.drive.request_arm();
+    b.cycles(5);
+    b.check_sent({});  // but a reason to wait
+    CHECK(b.drive.refusal() == ArmRefusal::none);
+    b.heartbeat(1);
+    b.heartbeat(1);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::arming);
+
+    Bench doubted(config(OdriveGeneration::v0_6));
+    for (int i = 0; i < 5; ++i) doubted.receive(0x061, {0, 0, 0, 0, 1, 0, 0, 1});
+    doubted.cycle();
+    CHECK(doubted.drive.state() == DriveState::other_generation);
+    for (int i = 0; i < 4; ++i) doubted.heartbeat(1);
+    CHECK(doubted.drive.state() == DriveState::idle);
+    doubted.drive.request_arm();
+    doubted.cycle();
+    CHECK(doubted.drive.state() == DriveState::arming);
 }
 
 TEST(OdriveArming, a_heartbeat_from_before_the_request_does_not_arm) {
@@ -618,6 +655,94 @@ TEST(OdriveFaults, a_drive_that_ignores_disarming_is_a_fault) {
     }
     CHECK(b.drive.state() == DriveState::fault);
     CHECK(b.drive.fault() == DriveFault::disarm_failed);
+}
+
+// Its heartbeat would say so up to its period later, or never, where it comes back in closed loop.
+TEST(OdriveFaults, an_armed_drive_that_counts_anew_after_a_gap_has_left_that_state) {
+    for (const bool at_rest : {true, false}) {
+        Bench b(config(OdriveGeneration::v0_6));
+        b.arm();
+        float turns = 3;
+        for (int i = 0; i < 50; ++i, turns += 0.01F) {
+            b.encoder(turns, 10);
+            b.cycle();
+        }
+        const double before_rad = b.drive.feedback().position_rad;
+        b.cycles(3);
+        b.sent.count = 0;
+        b.encoder(at_rest ? 0.F : 0.02F, at_rest ? 0.F : 10.F);
+        CHECK(b.drive.state() == DriveState::fault);
+        CHECK(b.drive.fault() == DriveFault::left_armed);
+        DOUBLES_EQUAL(before_rad, b.drive.feedback().position_rad, 2 * kPi / 6.25 * 0.1);  // no motion
+        b.cycle();
+        b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    }
+}
+
+TEST(OdriveFaults, lost_encoder_frames_and_a_new_origin_alone_are_no_reboot) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.arm();
+    float turns = 3;
+    float speed = 10;
+    for (int i = 0; i < 400; ++i, speed -= 0.05F, turns += 1e-3F * speed) {  // turns back
+        if (i % 7 != 3 && i % 7 != 4 && i % 7 != 5) b.encoder(turns, speed);
+        b.cycle();
+        if (i % 50 == 0) b.heartbeat(8);
+    }
+    CHECK(b.drive.state() == DriveState::armed);
+    b.encoder(turns, speed);
+    b.cycle();
+    b.encoder(0, speed);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::armed);
+}
+
+TEST(OdriveFaults, an_idle_drive_that_has_been_away_is_told_to_be_idle_at_once) {
+    Bench b(config(OdriveGeneration::v0_6));
+    for (int i = 0; i < 20; ++i) {
+        b.encoder(0.5F, 0);
+        b.heartbeat(1);
+        b.cycle();
+    }
+    b.cycles(3);
+    b.encoder(0.5F, 0);
+    b.cycle();
+    b.check_sent({});  // some frames are always lost
+    b.cycles(20);
+    b.check_sent({});
+    b.encoder(0, 0);
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    b.encoder(0, 0);
+    b.cycles(20);
+    b.check_sent({});
+    b.heartbeat(1);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    b.check_sent({});
+}
+
+TEST(OdriveFaults, who_arms_a_drive_again_and_again_is_answered_by_estop) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.receive(0x067, {8, 0, 0, 0});
+    b.cycle();
+    b.check_sent({});  // the cycle's answer is to disarm
+    b.cycles(5);
+    for (int i = 0; i < 3; ++i) {
+        b.receive(0x067, {8, 0, 0, 0});
+        b.cycle();
+        b.check_sent({frame(0x062, {})});
+    }
+    b.receive(0x067, {1, 0, 0, 0});  // idle is nobody's harm
+    b.cycle();
+    b.check_sent({});
+    b.cycles(1100);
+    b.heartbeat(1);
+    b.receive(0x067, {8, 0, 0, 0});
+    b.cycle();
+    b.check_sent({});
 }
 
 TEST(OdriveFaults, an_expired_watchdog_is_a_fault_while_armed_and_none_while_idle) {

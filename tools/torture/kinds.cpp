@@ -300,24 +300,30 @@ constexpr std::array kKinds{
                 },
                 two_cycles, "2 cycles after its heartbeat", From::told},
     TortureKind{"drive_reboots_armed",
-                "a drive is off for 30 to 300 ms and comes back in closed loop and torque control",
+                "a drive is off for 30 to 300 ms and comes back in closed loop, in position control",
                 Expect::stops, "stale_feedback,drive_silent,foreign_control",
                 [](Scene& s) {
                     s.drive().faults().powered_off = true;
                     s.drive().faults().wakes_armed = true;
                     s.amount = s.uniform(30, 300);
                 },
-                [](Scene& s) { s.drive().faults().powered_off = ++s.count < std::int64_t(s.amount); },
-                feedback_timeout, "feedback's time-out + 1 cycle and the way"},
-    TortureKind{"drive_blinks_armed", "the same within 2 to 8 ms", Expect::either,
+                [](Scene& s) {
+                    s.tells_by_next_frame = ++s.count >= std::int64_t(s.amount);
+                    s.drive().faults().powered_off = !s.tells_by_next_frame;
+                },
+                two_cycles, "2 cycles after its first frame", From::told},
+    TortureKind{"drive_blinks_armed", "the same within 2 to 8 ms", Expect::stops,
                 "drive_left_armed_state,encoder_implausible,stale_feedback,foreign_control",
                 [](Scene& s) {
                     s.drive().faults().powered_off = true;
                     s.drive().faults().wakes_armed = true;
                     s.amount = s.uniform(2, 8);
                 },
-                [](Scene& s) { s.drive().faults().powered_off = ++s.count < std::int64_t(s.amount); },
-                nullptr, "", From::harm, 1, 1},
+                [](Scene& s) {
+                    s.tells_by_next_frame = ++s.count >= std::int64_t(s.amount);
+                    s.drive().faults().powered_off = !s.tells_by_next_frame;
+                },
+                two_cycles, "2 cycles after its first frame", From::told},
     TortureKind{"drive_mute", "a drive sends nothing and obeys", Expect::stops, kSilenceNames,
                 [](Scene& s) { s.drive().faults().mute = true; }, nullptr, feedback_timeout,
                 "feedback's time-out + 1 cycle and the way"},
