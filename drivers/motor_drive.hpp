@@ -131,6 +131,9 @@ class MotorDrive {
     virtual const DriveFeedback& feedback() const = 0;
     virtual const DriveCounters& counters() const = 0;
 
+    // Pushes what makes this drive idle, whatever it does and is believed to do. The one call for any thread.
+    virtual void push_idle(FrameSink& out) const = 0;
+
     virtual const DriveRatings& ratings() const = 0;
 
     // The periodic frames of this drive. Constant after construction.

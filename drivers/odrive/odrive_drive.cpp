@@ -759,6 +759,13 @@ void OdriveDrive::send(const Message& message, FrameSink& out) const {
     if (message.encode(frame.data) == protocol::CodecStatus::ok) out.push(frame);
 }
 
+void OdriveDrive::push_idle(FrameSink& out) const {
+    send_motor_torque(0, out);  // in case the next frame is lost
+    gen6::SetAxisState request;
+    request.axis_requested_state = gen6::AxisState::idle;
+    send(request, out);
+}
+
 void OdriveDrive::send_idle(FrameSink& out) {
     gen6::SetAxisState request;
     request.axis_requested_state = gen6::AxisState::idle;

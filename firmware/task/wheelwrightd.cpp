@@ -1,6 +1,10 @@
 // The firmware as a Linux process: reads the robot file, opens buses and lines, becomes real-time, and runs
 // one cycle in each millisecond until it is asked to end.
+#include <poll.h>
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
 #include <csignal>
 #include <cstdio>
@@ -8,23 +12,26 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "drivers/drive_catalogue.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/cycle.hpp"
+#include "firmware/task/loop_watch.hpp"
 #include "firmware/task/realtime_loop.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
+#include "hal/linux/service_manager.hpp"
 #include "hal/linux/socketcan_bus.hpp"
 
 namespace {
 
 using namespace wheelwright;
 
-enum ExitStatus : int { kDone = 0, kUsage = 1, kMachineLacks = 4 };
+enum ExitStatus : int { kDone = 0, kUsage = 1, kHung = 3, kMachineLacks = 4 };
 
 task::Cycle* running_cycle = nullptr;  // for the signal handler only
 
@@ -126,13 +133,39 @@ void print_histogram(const char* name, const task::DurationHistogram& h) {
 }
 
 void print_statistics(const task::LoopStatistics& statistics) {
-    std::printf("cycles %llu, missed %llu\n", static_cast<unsigned long long>(statistics.cycles),
+    std::printf("cycles %llu, missed %llu\n", static_cast<unsigned long long>(statistics.cycles.load()),
                 static_cast<unsigned long long>(statistics.missed));
     print_duration("wake-up latency", statistics.wake_latency);
     print_duration("execution", statistics.execution);
     print_duration("sending phase", statistics.send_phase);
     print_histogram("wake-up latency", statistics.wake_latency);
     print_histogram("sending phase", statistics.send_phase);
+}
+
+// The cycle's thread hangs, maybe inside of its bus or the kernel: nothing that it uses is used here but the
+// drives' addresses and the enable line. The process ends without it; a service manager starts it anew.
+[[noreturn]] void end_hung(hal::CanBus& bus, const drivers::MotorDrive& left,
+                           const drivers::MotorDrive& right, hal::DigitalOutput* enable) {
+    constexpr int kTimes = 3;
+    constexpr int kTries = 20;  // of a frame that the queue does not take
+    constexpr useconds_t kBetween_us = 1000;
+    if (enable != nullptr) enable->write(false);
+    task::FrameBox<4> idle;
+    left.push_idle(idle);
+    right.push_idle(idle);
+    for (int i = 0; i < kTimes; ++i) {
+        for (const hal::CanFrame& frame : idle.frames()) {
+            for (int n = 0; n < kTries && bus.send(frame) == hal::CanStatus::would_block; ++n)
+                ::usleep(kBetween_us);
+        }
+        ::usleep(kBetween_us);
+    }
+    constexpr std::string_view kWords =
+        "wheelwrightd: the cycle hangs; the drives are told to be idle, and this ends\n";
+    pollfd standard_error{STDERR_FILENO, POLLOUT, 0};
+    const bool somebody_reads = ::poll(&standard_error, 1, 0) == 1;
+    if (somebody_reads && ::write(STDERR_FILENO, kWords.data(), kWords.size()) < 0) ::_exit(kHung);
+    ::_exit(kHung);
 }
 
 template <typename Line>
@@ -170,6 +203,9 @@ int run(const Options& options) {
         set_filters(*host_bus, parameters, false, true);
     }
     set_filters(*drive_bus.value(), parameters, true, shared);
+    auto watch_bus = hal::SocketCanBus::open(options.can);  // of its own, for when the cycle hangs
+    if (!watch_bus) return fail(watch_bus.error().exit_status(), watch_bus.error().message);
+    watch_bus.value()->set_filters({});
     hal::MonotonicClock clock;
     if (is_taken(*drive_bus.value(), clock)) return fail(kUsage, taken_text(options.can));
     if (host_bus && is_taken(*host_bus, clock)) return fail(kUsage, taken_text(options.host_can));
@@ -211,6 +247,14 @@ int run(const Options& options) {
     block_signals(true);
     const task::Saver saver(options.config, mailbox);
 
+    hal::ServiceManager manager;
+    std::optional<task::LoopWatch> watch;
+    watch.emplace(statistics->cycles,
+                  task::LoopWatch::Actions{
+                      [&] { hal::set_fifo_priority(std::max(parameters.realtime.priority - 1, 1)); },
+                      [&] { manager.alive(clock.now_ns()); },
+                      [&] { end_hung(*watch_bus.value(), *left, *right, enable_line.get()); }});
+
     hal::RealtimeOptions realtime;
     realtime.priority = parameters.realtime.priority;
     if (parameters.realtime.cpu >= 0) realtime.cpu = parameters.realtime.cpu;
@@ -229,8 +273,12 @@ int run(const Options& options) {
     block_signals(false);
     std::printf("wheelwrightd: running on %s\n", options.can.c_str());
     std::fflush(stdout);
+    manager.ready();
+    watch->begin();
     task::run_cycles(*cycle, clock, *statistics,
                      static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s));
+    watch.reset();
+    manager.stopping();
     running_cycle = nullptr;
     if (options.statistics) print_statistics(*statistics);
     return kDone;
@@ -244,8 +292,9 @@ int main(int argc, char** argv) {
     program.name("wheelwrightd");
     program.footer(
         "Ends on SIGTERM, SIGHUP, SIGQUIT or Ctrl-C: the robot brakes, the drives go idle.\n"
-        "Exit status: 0 done; 1 usage or configuration; 4 the machine lacks something (no CAN, no "
-        "permission).");
+        "Exit status: 0 done; 1 usage or configuration; 3 the cycle hung, and the drives were told to be "
+        "idle; "
+        "4 the machine lacks something (no CAN, no permission).");
     program.add_option("--config", options.config, "Robot file")->required();
     program
         .add_option("--can", options.can, "CAN interface of the drives, and of the host unless --host-can")
