@@ -349,15 +349,20 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
     feedback_.encoder_time_ns = time_ns;
 }
 
-// After a gap: whether the drive cannot have gone there by itself from where it was. At twice its speed it
-// may; at exactly 0 and at rest it is not, unless it was there before.
+// After a gap: whether the drive is in its first turn, in which it begins to count, and cannot have gone
+// there from where it was. At twice its speed it may; and a wheel that turned does not stop dead at exactly
+// 0.
 bool OdriveDrive::begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const {
+    constexpr double kStops_s = 0.1;  // from a speed that covers the coarsest step in this time
     const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
     if (since_s <= kGap * config_.encoder_period_s || told_to_count_anew_ > 0) return false;
-    if (position_rev == 0 && speed_rev_per_s == 0) return position_rev_ != 0;
+    if (std::abs(position_rev) > 1) return false;
+    const double step_rev = kCoarsestStep_turns * config_.gear_ratio;
     const double expected_rev = speed_rev_per_s_ * since_s;
     const double off_rev = std::abs(position_rev - position_rev_ - expected_rev);
-    return off_rev > std::abs(expected_rev) + kCoarsestStep_turns * config_.gear_ratio;
+    const bool stopped_dead = position_rev == 0 && speed_rev_per_s == 0;
+    return off_rev > std::abs(expected_rev) + step_rev ||
+           (stopped_dead && std::abs(speed_rev_per_s_) * kStops_s > step_rev);
 }
 
 void OdriveDrive::take_return(bool anew) {
@@ -392,7 +397,8 @@ void OdriveDrive::take_foreign(const hal::CanFrame& frame, std::int64_t time_ns)
         case gen6::SetAxisState::command:
             if (frame.length >= 1 && frame.data[0] == static_cast<std::uint8_t>(kIdle)) break;
             ++counters_.foreign_control;
-            others_insist_ = armed_by_others_ns_ != 0 && time_ns - armed_by_others_ns_ < kInsists_ns;
+            others_insist_ = phase_ != Phase::resting ||
+                             (armed_by_others_ns_ != 0 && time_ns - armed_by_others_ns_ < kInsists_ns);
             armed_by_others_ns_ = time_ns;
             break;
         case gen6::SetControllerMode::command:

@@ -30,8 +30,8 @@
 //
 // An axis that is in closed loop although this driver has not asked for it is a fault, and told to go idle.
 // So is somebody else's set-point, or request for another state than idle: counted as foreign_control. Who
-// asks for such a state again within a second is not answered by idle but by Estop, an error that keeps the
-// axis idle until request_clear_errors().
+// asks for such a state again within a second, or while the axis is armed by this driver, is answered by
+// Estop, an error that keeps the axis idle until request_clear_errors().
 //
 // A drive that has been away may have been switched off, and may be set to come back in closed loop, in a
 // mode of its own; its heartbeat says so late. So the first encoder frame after a gap counts: where it does

@@ -411,6 +411,12 @@ void fail_in_every_way(Visit& visit) {
     visit.host().mode(Mode::velocity);
     visit.run(10);
     visit.recover();
+    left_faults(visit).heats_degC = 100;
+    visit.run(100);
+    visit.host().mode(Mode::velocity);
+    visit.run(10);
+    left_faults(visit).heats_degC = 0;
+    visit.recover();
     visit.rig().stop_line().set(hal::LineLevel::active);
     visit.host().mode(Mode::velocity);
     visit.run(10);

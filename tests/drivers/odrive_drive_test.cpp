@@ -743,6 +743,12 @@ TEST(OdriveFaults, who_arms_a_drive_again_and_again_is_answered_by_estop) {
     b.receive(0x067, {8, 0, 0, 0});
     b.cycle();
     b.check_sent({});
+
+    Bench armed(config(OdriveGeneration::v0_6));
+    armed.arm();
+    armed.receive(0x067, {8, 0, 0, 0});
+    armed.cycle();
+    armed.check_sent({frame(0x062, {})});
 }
 
 TEST(OdriveFaults, an_expired_watchdog_is_a_fault_while_armed_and_none_while_idle) {

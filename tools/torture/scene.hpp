@@ -80,8 +80,8 @@ class Scene {
     void tell_at(std::int64_t now_ns) {
         if (!told_s_) told_s_ = since_s(now_ns);
     }
-    // The firmware is told by the next frame of the tortured side's drive.
-    bool tells_by_next_frame = false;
+    // The firmware is told by the first frame of the tortured side's drive after its return.
+    bool told_by_return = false, has_returned = false;
     void begin_harm() { harm_ns_ = sim_.now_ns(); }
     double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
     double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }

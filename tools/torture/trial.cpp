@@ -70,7 +70,7 @@ class Judge final : public sim::BusTap {
             !frame.remote)
             scene_.tell_at(event.end_ns);
         if (event.sender == 1 && frame.id >> 5U == scene_.node(scene_.setup().side) && !frame.extended &&
-            scene_.tells_by_next_frame) {
+            scene_.has_returned) {
             scene_.tell_at(event.end_ns);
         }
         const std::uint32_t command = frame.id & 0x1FU;
@@ -86,8 +86,8 @@ class Judge final : public sim::BusTap {
             if (!(std::abs(double{motor_Nm}) <= 1.001 * limit_Nm))
                 violate("torque sent", text("%g Nm for a limit of %g", double{motor_Nm}, limit_Nm));
         }
-        if (harmed_ && event.sender == 1 && command == drivers::odrive_0_6::Heartbeat::command &&
-            frame.length == 8) {
+        if (harmed_ && !scene_.told_by_return && event.sender == 1 &&
+            command == drivers::odrive_0_6::Heartbeat::command && frame.length == 8) {
             std::uint32_t error = 0;
             std::memcpy(&error, frame.data.data(), 4);
             if (error != 0 || frame.data[4] != 8) scene_.tell_at(event.end_ns);
@@ -132,7 +132,7 @@ class Judge final : public sim::BusTap {
         if (kind_.unreachable && watched)
             grace_s = std::max(grace_s, p.drive.watchdog_timeout_s + 2 * kCycle_s);
         // A drive that arms itself is known to be there from its first frame on.
-        const double known_s = scene_.tells_by_next_frame
+        const double known_s = scene_.has_returned
                                    ? std::min(undriven_s_, now_s - scene_.told_s().value_or(now_s))
                                    : undriven_s_;
         if (torque_Nm > 0 && known_s > grace_s + 1e-9)
