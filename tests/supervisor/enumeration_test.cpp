@@ -242,7 +242,7 @@ constexpr std::array kConditions{&Conditions::feedback_stale,
 static_assert(sizeof(Conditions) == kConditions.size());  // all of them
 
 constexpr std::size_t kModeRequests = kModeCount + 2;  // and two that do not exist
-constexpr std::size_t kEvents = kConditions.size() + kModeRequests + 2;
+constexpr std::size_t kEvents = kConditions.size() + kModeRequests + 1;
 
 void happen(std::size_t event, Input& in) {
     if (event < kConditions.size()) {
@@ -251,10 +251,8 @@ void happen(std::size_t event, Input& in) {
     } else if (event < kConditions.size() + kModeRequests) {
         const std::size_t mode = event - kConditions.size();
         in.asked.mode = mode > kModeCount ? Mode{255} : static_cast<Mode>(mode);
-    } else if (event < kEvents - 1) {
-        in.asked.clear_fault = true;
     } else {
-        in.asked.proven = true;
+        in.asked.clear_fault = true;
     }
 }
 
@@ -421,7 +419,7 @@ std::vector<Node> each_state(const SupervisorConfig& config, Visit visit) {
     std::vector<std::uint32_t> keys{nodes[0].state.key()};
     for (std::size_t i = 0; i < nodes.size(); ++i) {
         const Node node = nodes[i];
-        each_pair([&](const Input& in, int events) {
+        const auto look = [&](const Input& in, int events) {
             Supervisor machine = node.machine;
             const Verdict verdict = machine.step(in.now, in.asked);
             const State after = visit(node, in, machine, verdict, events);
@@ -429,6 +427,11 @@ std::vector<Node> each_state(const SupervisorConfig& config, Visit visit) {
                 keys.push_back(after.key());
                 nodes.push_back({machine, after});
             }
+        };
+        each_pair([&](Input in, int events) {
+            look(in, events);
+            in.asked.proven = true;
+            if (config.arming_needs_proof) look(in, events);
         });
     }
     return nodes;
