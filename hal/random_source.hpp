@@ -1,4 +1,4 @@
-// Random bytes that nobody can foretell, for challenges. Implementation: hal/linux (getrandom).
+// Random bytes that nobody can foretell, for challenges and keys. Implementations: hal/linux.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,7 @@ class RandomSource {
   public:
     virtual ~RandomSource() = default;
 
-    // Fills all of `out` (at most 256 bytes); false: there is no entropy yet, ask again later. Called in a
-    // cycle: neither allocates nor blocks.
+    // Fills all of `out` (at most 256 bytes); false: there are none yet, ask again later.
     virtual bool fill(std::span<std::uint8_t> out) = 0;
 };
 

@@ -17,8 +17,7 @@ std::optional<protocol::ArmingAnswer> answer_to(const protocol::ArmingChallenge&
     return protocol::arming_answer(mode, cmac);
 }
 
-std::optional<protocol::ArmingChallenge> ArmingGuard::challenge(std::int64_t now_ns) {
-    if (!asked_) return std::nullopt;
+std::optional<protocol::ArmingChallenge> ArmingGuard::due(std::int64_t now_ns) {
     const std::int64_t age_ns = now_ns - drawn_ns_;
     if (valid_ && age_ns <= kValid_ns) {
         if (age_ns > kValid_ns / 2 || now_ns - sent_ns_ < kRepeat_ns) return std::nullopt;

@@ -23,7 +23,8 @@
 
 namespace wheelwright::task {
 
-// All of it outlives whoever is given it. Both pointers, or neither: then there is no key.
+// All of it outlives whoever is given it. Both pointers, or neither: then there is no key. In a cycle neither
+// allocates, blocks or calls the system.
 struct ArmingKey {
     hal::MessageCode* code = nullptr;
     hal::RandomSource* random = nullptr;
@@ -51,12 +52,16 @@ class ArmingGuard {
     void ask() { asked_ = true; }
 
     // The challenge to send in this cycle, if any.
-    std::optional<protocol::ArmingChallenge> challenge(std::int64_t now_ns);
+    std::optional<protocol::ArmingChallenge> challenge(std::int64_t now_ns) {
+        return asked_ ? due(now_ns) : std::nullopt;
+    }
 
     // Whether this answers the challenge that is valid now.
     bool accept(const protocol::ArmingAnswer& answer, std::int64_t now_ns);
 
   private:
+    std::optional<protocol::ArmingChallenge> due(std::int64_t now_ns);
+
     ArmingKey key_;
     bool asked_ = false;
     protocol::ArmingChallenge challenge_;

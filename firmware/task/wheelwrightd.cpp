@@ -17,12 +17,11 @@
 #include "firmware/task/realtime_loop.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
-#include "hal/linux/aes_cmac.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
 #include "hal/linux/socketcan_bus.hpp"
-#include "hal/linux/system_random.hpp"
 
 namespace {
 
@@ -153,7 +152,7 @@ bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line
 // The key without which nobody arms the robot, if one is named; it outlives the cycle.
 struct InstalledKey {
     std::unique_ptr<hal::MessageCode> code;
-    hal::SystemRandom random;
+    std::unique_ptr<hal::RandomSource> random;
     std::string robot;
 
     int read(const std::string& path) {
@@ -161,14 +160,17 @@ struct InstalledKey {
         if (const std::string wrong = task::read_key_file(path, file); !wrong.empty()) {
             return fail(kUsage, wrong);
         }
-        auto made = hal::make_aes_cmac(file.key);
-        if (!made) return fail(made.error().exit_status(), made.error().message);
-        code = std::move(made.value());
+        int status = kDone;
+        if (!take(hal::make_aes_cmac(file.key), code, status) || !take(hal::make_random(), random, status)) {
+            return status;
+        }
         robot = file.robot;
         std::printf("wheelwrightd: arming needs the key of %s (%s)\n", robot.c_str(), path.c_str());
         return kDone;
     }
-    task::ArmingKey view() { return code ? task::ArmingKey{code.get(), &random, robot} : task::ArmingKey{}; }
+    task::ArmingKey view() {
+        return code ? task::ArmingKey{code.get(), random.get(), robot} : task::ArmingKey{};
+    }
 };
 
 std::string key_path(const Options& options, const task::RobotFile& robot) {

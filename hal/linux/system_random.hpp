@@ -1,4 +1,5 @@
-// The kernel's random source.
+// The kernel's random source, for who may call the system; a cycle does not: make_random() in
+// cryptography.hpp.
 #pragma once
 
 #include "hal/random_source.hpp"

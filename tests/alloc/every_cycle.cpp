@@ -14,7 +14,7 @@
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
-#include "hal/linux/system_random.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "tests/bench/cycle_rig.hpp"
 #include "tests/support/key_holder.hpp"
 #include "tools/sim/experiments.hpp"
@@ -580,10 +580,10 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         v.recover();
     });
     support::KeyHolder holder;
-    hal::SystemRandom random;
+    const auto random = std::move(hal::make_random().value());
     bench::RigOptions locked;
     locked.arming_key = holder.key();
-    locked.arming_key.random = &random;
+    locked.arming_key.random = random.get();
     visit("authenticated arming", known, locked, [&](Visit& v) { prove(v, holder); });
     bench::ExampleRobots older = known;
     older.controller.drive.generation = older.truth.drive.generation = 5;

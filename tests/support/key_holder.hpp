@@ -11,7 +11,7 @@
 #include "firmware/protocol/command_guard.hpp"
 #include "firmware/task/arming_guard.hpp"
 #include "hal/can_bus.hpp"
-#include "hal/linux/aes_cmac.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "sim_hal/random.hpp"
 
 namespace wheelwright::support {

@@ -8,7 +8,7 @@
 #include "firmware/supervisor/modes.hpp"
 #include "firmware/task/arming_guard.hpp"
 #include "firmware/task/key_file.hpp"
-#include "hal/linux/aes_cmac.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "tools/cli/ident_words.hpp"
 
 namespace wheelwright::tools {
