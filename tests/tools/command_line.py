@@ -324,7 +324,7 @@ class Key(unittest.TestCase):
             os.chmod(key, 0o644)
             for words in (("check", key), ("install", key, "--config", robot)):
                 self.assertIn(f"{key}: others may use this key: found mode 0644, expected 0600", tried(1, *words))
-            self.assertIn("0644", "".join(run("ctl", "--key", key, "mode", "torque")))
+            self.assertIn("0644", run("ctl", "--key", key, "mode", "torque")[2])
             os.chmod(key, 0o600)
             tried(0, "generate", key + "2")
             with open(key, encoding="ascii") as one, open(key + "2", encoding="ascii") as other:
