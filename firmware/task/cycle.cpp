@@ -18,7 +18,7 @@ constexpr int kRefusedTorquesUntilDown = 5;
 // After a request to end: how long the drives may take to confirm that they are idle.
 constexpr int kEndingCycles = 500;
 
-supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) {
+supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p, bool has_key) {
     const auto ramps = [](model::StopReaction reaction) { return reaction == model::StopReaction::ramp; };
     supervisor::SupervisorConfig config;
     config.stops = {ramps(p.safety.stale_command_reaction),  ramps(p.safety.over_speed_reaction),
@@ -26,6 +26,7 @@ supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) 
                     ramps(p.safety.terminate_reaction),      ramps(p.safety.drive_limits_reaction)};
     // The drives report their own time-out first; this is the limit if they report nothing.
     config.arming_limit_cycles = static_cast<std::int32_t>(1.5 * p.drive.arming_timeout_s / kCyclePeriod_s);
+    config.arming_needs_proof = has_key;
     return config;
 }
 
@@ -40,8 +41,9 @@ std::int32_t ramp_limit_cycles(const model::RobotParameters& p) {
 Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const CyclePorts& ports)
     : parameters_(parameters),
       ports_(ports),
+      arming_(ports.arming_key),
       service_(parameters, mailbox),
-      supervisor_(supervisor_config(parameters)),
+      supervisor_(supervisor_config(parameters, arming_.has_key())),
       judge_(parameters),
       overrun_(parameters.overrun_fault.in_a_row, parameters.overrun_fault.per_second),
       drive_meter_(parameters.bus.bit_rate_bit_per_s),
@@ -178,10 +180,29 @@ supervisor::Verdict Cycle::permit(const HostEvents& events) {
         control_.select_trajectory(*events.trajectory);
     }
     const bool identified = identifying();
-    const supervisor::Verdict verdict = supervisor_.step(conditions_, {events.clear_fault, events.mode});
-    if (verdict.refused) host_.count(HostLink::Cause::rejected_mode_not_allowed);
+    supervisor::Requests asked{events.clear_fault, events.mode};
+    if (events.answer) prove(events, asked);
+    const supervisor::Verdict verdict = supervisor_.step(conditions_, asked);
+    if (verdict.refused) {
+        if (supervisor_.blocker() == supervisor::Blocker::not_authenticated) {
+            arming_.ask();
+        } else {
+            host_.count(HostLink::Cause::rejected_mode_not_allowed);
+        }
+    }
+    if (const auto challenge = arming_.challenge(time_.scheduled_ns)) telemetry_.ask(*challenge);
     if (identified && !identifying()) finish_identification();
     return verdict;
+}
+
+// A right answer is a request for its mode; idle that is asked for in the same cycle comes before it.
+void Cycle::prove(const HostEvents& events, supervisor::Requests& asked) {
+    if (!arming_.accept(*events.answer, time_.scheduled_ns)) {
+        host_.count(HostLink::Cause::rejected_answer);
+    } else if (asked.mode != Mode::idle) {
+        asked.mode = events.answer->mode;
+        asked.proven = true;
+    }
 }
 
 void Cycle::command_drives(const supervisor::Verdict& verdict) {

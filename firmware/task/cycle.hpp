@@ -15,6 +15,7 @@
 #include "firmware/control/encoder_watch.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/supervisor/supervisor.hpp"
+#include "firmware/task/arming_guard.hpp"
 #include "firmware/task/bus_meter.hpp"
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/drive_limits.hpp"
@@ -38,6 +39,7 @@ struct CyclePorts {
     drivers::MotorDrive& right;
     hal::DigitalInput* emergency_stop = nullptr;  // null: not connected
     hal::DigitalOutput* drive_enable = nullptr;
+    ArmingKey arming_key = {};  // none: whoever asks may arm
 };
 
 // Frames that wait to be sent.
@@ -107,6 +109,7 @@ class Cycle {
     void fill_status(protocol::Status& status) const;
     void fill_counters(CycleReport& report) const;
 
+    [[gnu::noinline]] void prove(const HostEvents& events, supervisor::Requests& asked);
     void drain(hal::CanBus& bus, bool from_host, bool from_drives);
     bool transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
     void configure();
@@ -123,6 +126,7 @@ class Cycle {
     model::RobotParameters& parameters_;
     CyclePorts ports_;
     HostLink host_;
+    ArmingGuard arming_;
     ParameterService service_;
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;

@@ -92,6 +92,7 @@ void Telemetry::reply(const protocol::ParameterReply& reply) {
 }
 
 Telemetry::Turn Telemetry::next(std::uint64_t cycle) {
+    if (challenge_) return {true, true, protocol::ArmingChallenge::id, {}};
     if (reply_count_ > 0) return {true, true, protocol::ParameterReply::id, {}};
     if (cycle < first_due_) return {};
     Slot* latest = &slots_[0];
@@ -116,6 +117,11 @@ Telemetry::Turn Telemetry::next(std::uint64_t cycle) {
 bool Telemetry::build(const Turn& turn, const CycleReport& report, Frame& out) {
     if (!turn.due) return false;
     if (!turn.reply) return build_message(turn.id, report, out);
+    if (turn.id == protocol::ArmingChallenge::id) {
+        const protocol::ArmingChallenge challenge = *challenge_;
+        challenge_.reset();
+        return put(challenge, out);
+    }
     const protocol::ParameterReply reply = replies_[reply_head_];
     reply_head_ = (reply_head_ + 1) % replies_.size();
     --reply_count_;

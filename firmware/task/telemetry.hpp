@@ -9,6 +9,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -83,11 +84,13 @@ class Telemetry {
     Telemetry();
 
     void reply(const protocol::ParameterReply& reply);
+    // Goes first; in place of one that has not left yet.
+    void ask(const protocol::ArmingChallenge& challenge) { challenge_ = challenge; }
 
     // What is to be sent in a cycle. The number of the cycle counts up by one in each call of next().
     struct Turn {
         bool due = false;
-        bool reply = false;    // a parameter reply, for which no part of the report is needed
+        bool reply = false;    // to a request, for which no part of the report is needed
         std::uint32_t id = 0;  // else of this message,
         ReportPart part{};     // which needs this part
     };
@@ -115,6 +118,7 @@ class Telemetry {
     std::array<protocol::ParameterReply, 16> replies_{};
     std::size_t reply_head_ = 0;
     std::size_t reply_count_ = 0;
+    std::optional<protocol::ArmingChallenge> challenge_;
     std::uint32_t deferred_ = 0;
     std::uint32_t replies_lost_ = 0;
     std::size_t counter_turn_ = 0;

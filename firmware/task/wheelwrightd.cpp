@@ -9,6 +9,7 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
@@ -17,10 +18,12 @@
 #include "drivers/drive_catalogue.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/cycle.hpp"
+#include "firmware/task/key_file.hpp"
 #include "firmware/task/loop_watch.hpp"
 #include "firmware/task/realtime_loop.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
@@ -68,6 +71,7 @@ struct Options {
     std::string config;
     std::string can;
     std::string host_can;
+    std::string key;
     double duration_s = 0;
     bool allow_soft_realtime = false;
     bool statistics = false;
@@ -178,6 +182,35 @@ bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line
     return false;
 }
 
+// The key without which nobody arms the robot, if one is named; it outlives the cycle.
+struct InstalledKey {
+    std::unique_ptr<hal::MessageCode> code;
+    std::unique_ptr<hal::RandomSource> random;
+    std::string robot;
+
+    int read(const std::string& path) {
+        task::KeyFile file;
+        if (const std::string wrong = task::read_key_file(path, file); !wrong.empty()) {
+            return fail(kUsage, wrong);
+        }
+        int status = kDone;
+        if (!take(hal::make_aes_cmac(file.key), code, status) || !take(hal::make_random(), random, status)) {
+            return status;
+        }
+        robot = file.robot;
+        std::printf("wheelwrightd: arming needs the key of %s (%s)\n", robot.c_str(), path.c_str());
+        return kDone;
+    }
+    task::ArmingKey view() {
+        return code ? task::ArmingKey{code.get(), random.get(), robot} : task::ArmingKey{};
+    }
+};
+
+std::string key_path(const Options& options, const task::RobotFile& robot) {
+    if (!options.key.empty() || robot.key_file.empty()) return options.key;
+    return std::filesystem::path(options.config).parent_path() / robot.key_file;  // a whole path stays itself
+}
+
 int run(const Options& options) {
     ignore_broken_pipes();
     const task::RobotFileResult file = task::read_robot_file(options.config);
@@ -192,6 +225,11 @@ int run(const Options& options) {
     const bool shared = options.host_can.empty() || options.host_can == options.can;
     const std::string refusal = task::bus_refusal(task::bus_plan(parameters), parameters, shared);
     if (!refusal.empty()) return fail(kUsage, refusal);
+
+    InstalledKey key;
+    if (const std::string path = key_path(options, *file.robot); !path.empty()) {
+        if (const int status = key.read(path); status != kDone) return status;
+    }
 
     auto drive_bus = hal::SocketCanBus::open(options.can);
     if (!drive_bus) return fail(drive_bus.error().exit_status(), drive_bus.error().message);
@@ -241,7 +279,7 @@ int run(const Options& options) {
     const auto cycle =
         std::make_unique<task::Cycle>(parameters, mailbox,
                                       task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right,
-                                                       stop_line.get(), enable_line.get()});
+                                                       stop_line.get(), enable_line.get(), key.view()});
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
     block_signals(true);
@@ -300,6 +338,8 @@ int main(int argc, char** argv) {
         .add_option("--can", options.can, "CAN interface of the drives, and of the host unless --host-can")
         ->required();
     program.add_option("--host-can", options.host_can, "CAN interface of the host, where it is another one");
+    program.add_option("--key", options.key,
+                       "File of the key without which nobody arms the robot (else arming.key_file)");
     program.add_flag("--allow-soft-realtime", options.allow_soft_realtime,
                      "Run although the machine refuses what real time needs");
     program.add_option("--duration", options.duration_s, "End as on SIGTERM after so many seconds")

@@ -6,6 +6,7 @@
 #include <initializer_list>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,7 +14,9 @@
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "tests/bench/cycle_rig.hpp"
+#include "tests/support/key_holder.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::alloc {
@@ -343,6 +346,23 @@ void send_nonsense(Visit& visit) {
     visit.recover();
 }
 
+// A wrong answer first, then the right one.
+void prove(Visit& visit, support::KeyHolder& holder) {
+    hal::CanBus& bus = visit.rig().host_bus();
+    support::KeyHolder::listen(bus);
+    visit.host().torque({0.5, 0.5});
+    for (const unsigned wrong : {1U, 0U}) {
+        visit.host().mode(Mode::torque);
+        std::optional<protocol::ArmingChallenge> challenge;
+        visit.run_until([&] { return (challenge = support::KeyHolder::heard(bus)).has_value(); }, 500);
+        if (!challenge) return;
+        protocol::ArmingAnswer answer = holder.answer(*challenge, Mode::torque);
+        answer.code_low ^= wrong;
+        bus.send(holder.frame(answer));
+        visit.run(200);
+    }
+}
+
 void fail_in_every_way(Visit& visit) {
     const auto left_faults = [](Visit& v) -> sim::SimOdriveFaults& { return v.world().left().faults(); };
     // Faults of drives, bus and host while the robot moves.
@@ -572,6 +592,12 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         v.host().emergency_stop();
         v.recover();
     });
+    support::KeyHolder holder;
+    const auto random = std::move(hal::make_random().value());
+    bench::RigOptions locked;
+    locked.arming_key = holder.key();
+    locked.arming_key.random = random.get();
+    visit("authenticated arming", known, locked, [&](Visit& v) { prove(v, holder); });
     bench::ExampleRobots older = known;
     older.controller.drive.generation = older.truth.drive.generation = 5;
     visit("drives of generation 0.5", older, {}, [](Visit& v) {

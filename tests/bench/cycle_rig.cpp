@@ -45,7 +45,8 @@ CycleRig::CycleRig(const model::RobotParameters& controller, const model::RobotP
         *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
         *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
         options.digital_lines ? &stop_line_ : nullptr,
-        options.digital_lines ? &enable_line_ : nullptr};
+        options.digital_lines ? &enable_line_ : nullptr,
+        options.arming_key};
     cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
 }
 

@@ -41,7 +41,8 @@ struct RigOptions {
     sim::WorldOptions world;
     bool separate_host_bus = false;
     bool digital_lines = false;  // the emergency-stop input and the drive-enable output
-    FrontBus* front = nullptr;   // for the drives' bus; null: none. Outlives the rig.
+    task::ArmingKey arming_key = {};
+    FrontBus* front = nullptr;  // for the drives' bus; null: none. Outlives the rig.
 };
 
 class CycleRig {

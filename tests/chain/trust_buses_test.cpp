@@ -293,7 +293,7 @@ TEST(ChainBuses, a_remote_or_extended_frame_is_no_stop_and_no_command) {
         Scene scene(layout);
         scene.cruise(0.5 * layout.way);
         for (const bool remote : {false, true}) {
-            for (std::uint32_t id = protocol::EmergencyStop::id; id <= protocol::HostAlive::id; ++id) {
+            for (std::uint32_t id = protocol::EmergencyStop::id; id <= protocol::ArmingAnswer::id; ++id) {
                 hal::CanFrame frame;
                 frame.id = id;
                 frame.extended = !remote;

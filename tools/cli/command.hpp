@@ -32,6 +32,7 @@ std::span<const AddCommand> commands();
 
 void add_check(const CommandLine& program, Run& run);
 void add_ctl(const CommandLine& program, Run& run);
+void add_key(const CommandLine& program, Run& run);
 void add_demo(const CommandLine& program, Run& run);
 void add_excite(const CommandLine& program, Run& run);
 void add_free_run(const CommandLine& program, Run& run);

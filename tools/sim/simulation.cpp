@@ -354,7 +354,8 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
                                  *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
                                  *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
                                  options.emergency_stop_line ? stop_line_.get() : nullptr,
-                                 options.drive_enable_line ? enable_line_.get() : nullptr};
+                                 options.drive_enable_line ? enable_line_.get() : nullptr,
+                                 options.arming_key};
     cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
     // In real time the lines above take some: cycles are due from now on.
     schedule_ = task::CycleSchedule(machine_->clock().now_ns() + task::kCyclePeriod_ns);

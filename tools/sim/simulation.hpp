@@ -98,10 +98,11 @@ struct SimulationOptions {
     bool separate_host_bus = false;
     bool emergency_stop_line = false;
     bool drive_enable_line = false;
-    bool faulty_buses = false;      // virtual time; for Simulation::faulty_bus()
-    std::string can_interface;      // "": virtual time; otherwise real time on this SocketCAN interface
-    std::int64_t rest_ns = 50'000;  // in real time: the robot looks at the bus no more often than that
-    std::string log_path;           // virtual time; "": no log; otherwise candump -L (a second bus as can1)
+    task::ArmingKey arming_key = {};  // none: whoever asks may arm
+    bool faulty_buses = false;        // virtual time; for Simulation::faulty_bus()
+    std::string can_interface;        // "": virtual time; otherwise real time on this SocketCAN interface
+    std::int64_t rest_ns = 50'000;    // in real time: the robot looks at the bus no more often than that
+    std::string log_path;             // virtual time; "": no log; otherwise candump -L (a second bus as can1)
 };
 
 class Simulation {
