@@ -192,6 +192,22 @@ TEST(Limits, HalfOfTheTorqueIsTheUsualAccelerationWhereTheLimitsAllowIt) {
     DOUBLES_EQUAL(4, braking_time_s(p), 1e-12);
 }
 
+TEST(Limits, ARateLimiterNamesOnlyWhatHindersIt) {
+    TwistRateLimiter<double> limiter;
+    limiter.configure(0.5, 0.25);
+    for (const Twist<double>& reached : {Twist<double>{0.25, 0}, Twist<double>{0, 0.125}}) {  // just reached
+        LimiterFlags flags;
+        limiter.reset({0, 0});
+        DOUBLES_EQUAL(reached.v_m_per_s, limiter.step(reached, 0.5, flags).v_m_per_s, 0);
+        CHECK_EQUAL(0U, unsigned(flags.bits));
+    }
+    LimiterFlags flags;
+    limiter.reset({0, 0});
+    limiter.step({1, 0.5}, 0.5, flags);  // both by the same share
+    CHECK(flags.has(Limiter::acceleration));
+    CHECK_FALSE(flags.has(Limiter::yaw_acceleration));
+}
+
 TEST(Limits, ARateLimiterTakesSmallAccelerationsAndBeginsWhereItIsTold) {
     TwistRateLimiter<double> limiter;
     limiter.configure(0.5, 0.25);

@@ -962,7 +962,7 @@ TEST(OdriveFaults, a_drive_that_gives_nothing_is_a_fault_once_its_heartbeat_deni
 
 TEST(OdriveFaults, little_torque_or_a_moment_without_any_is_nothing_to_judge) {
     for (const OdriveGeneration generation : kGenerations) {
-        TorqueBench little(generation), moment(generation), unasked(generation);
+        TorqueBench little(generation), moment(generation), more(generation), unasked(generation);
         for (int i = 0; i < 10; ++i) {
             little.ask(0.35);  // 0.056 Nm: within twice the slack
             moment.ask(1, 4);
@@ -973,9 +973,10 @@ TEST(OdriveFaults, little_torque_or_a_moment_without_any_is_nothing_to_judge) {
                 b->heartbeat(8);
                 CHECK(b->follows());
             }
-            moment.ask(0.1, 4);  // what was more is not forgotten over what is less
-            moment.report(0.32);
-            CHECK(moment.follows());
+            more.ask(1, 4);
+            more.ask(0.1, 4);  // what was more is not forgotten over what is less
+            more.report(0.32);
+            CHECK(more.follows());
         }
         unasked.ask(0.1);
         for (int i = 0; i < 5; ++i) unasked.report(0.5);  // nothing was asked between two of them
@@ -1036,8 +1037,13 @@ TEST(OdriveFeedback, a_position_that_has_gone_far_is_counted_anew_and_goes_on) {
                 turned(401);
                 CHECK_EQUAL(0U, told());
             }
-            // The next time it is told again, three times at most.
+            // The next time it is told again, after eight frames, three times at most.
             b.heartbeat(1);
+            turned(1200);
+            for (int i = 0; i < 7; ++i) {
+                turned(1200);
+                CHECK_EQUAL(0U, told());
+            }
             std::size_t times = 0;
             for (int i = 0; i < 1000; ++i) {
                 if (i % 100 == 0) b.heartbeat(1);
@@ -1047,6 +1053,16 @@ TEST(OdriveFeedback, a_position_that_has_gone_far_is_counted_anew_and_goes_on) {
             CHECK_EQUAL(3U, times);
         }
     }
+}
+
+TEST(OdriveFeedback, a_drive_that_follows_at_once_goes_on) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    for (int i = 0; i < 10; ++i) b.drive.accept({with_floats(0x069, -1100, 0), b.now});
+    b.cycle();
+    b.check_sent({frame(0x079, kZero8)});
+    b.drive.accept({with_floats(0x069, 0, 0), b.now});
+    DOUBLES_EQUAL(1100 * 2 * kPi / 6.25, b.drive.feedback().position_rad, 1e-9);
 }
 
 TEST(OdriveFeedback, a_drive_that_counts_anew_unasked_has_jumped) {
@@ -1302,7 +1318,9 @@ TEST(OdriveArming, generation_0_5_waits_as_long_as_it_says) {
     unheard.drive.request_arm();
     unheard.cycles(2);
     unheard.heartbeat(1);  // too soon after the request
-    unheard.cycles(350);
+    unheard.cycles(340);
+    unheard.sent.count = 0;
+    unheard.cycles(10);
     for (std::size_t i = 0; i < unheard.sent.count; ++i) CHECK(unheard.sent.frames[i].id != 0x06B);
     c.arming_timeout_s = 0.6;
     Bench b(c);

@@ -248,12 +248,18 @@ TEST(CycleSteps, observe_tells_what_it_was_told_and_fuses_a_pose_from_outside) {
     DOUBLES_EQUAL(-0.25, seen.sample.last_torque_Nm.right, 0);
     DOUBLES_EQUAL(1, seen.pose.x_m, 0.05);
     DOUBLES_EQUAL(seen.pose.heading_rad, seen.sample.heading_rad, 0);
+    DOUBLES_EQUAL(seen.pose.heading_rad, seen.motion.heading_rad, 0);
     CHECK(std::abs(seen.sample.heading_rad) > 0.05);
     CHECK(seen.external_pose == nullptr);
     CHECK(seen.sample.usable);
     CHECK_FALSE(seen.slipping);
-    for (int i = 2000; i < 3001; ++i) {
-        const Pose<double> turning{1, 0, 0.125 + 1e-3 * (i - 2000)};  // 1 rad/s
+    for (int i = 2000; i < 3001; ++i) {  // 0.4 rad/s: less than the limit
+        const Pose<double> turning{1, 0, 0.125 + 4e-4 * (i - 2000)};
+        cycle(i, i % 50 == 0 ? &turning : nullptr);
+        CHECK_FALSE(seen.slipping);
+    }
+    for (int i = 3001; i < 4001; ++i) {
+        const Pose<double> turning{1, 0, 0.525 + 1e-3 * (i - 3000)};  // 1 rad/s
         cycle(i, i % 50 == 0 ? &turning : nullptr);
         if (i % 50 == 0) CHECK(seen.external_pose == &turning);
     }
@@ -379,6 +385,7 @@ TEST(CycleSteps, judge_trusts_a_model_with_small_known_errors_of_all_that_is_in_
     const auto as_is = [](model::RobotParameters&) {};
     CHECK(trusted(0.3, 1.5, as_is));
     CHECK(trusted(0.001, 0.001, as_is));
+    CHECK(trusted(0.4, 1.6, as_is));      // just the limit
     CHECK_FALSE(trusted(0, 1.5, as_is));  // unknown
     CHECK_FALSE(trusted(0.3, 0, as_is));
     CHECK_FALSE(trusted(-0.3, 1.5, as_is));
