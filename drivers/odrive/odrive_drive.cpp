@@ -330,14 +330,13 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
     }
     position_rev_ = position_rev;
     speed_rev_per_s_ = speed_rev_per_s;
-    const bool was_far = far_frames_ >= kFarFrames;
     if (std::abs(position_rev) > kLargestPosition_rev &&
         std::abs(position_rev - before) < kLargestPosition_rev / 2) {
         far_frames_ = std::min(far_frames_ + 1, kFarFrames);
         last_far_rev_ = position_rev;
         last_far_ns_ = time_ns;
     } else if (std::abs(position_rev) < kLargestPosition_rev / 2) {
-        if (was_far && told_to_count_anew_ > 0) {
+        if (told_to_count_anew_ > 0) {
             const double since_s = 1e-9 * static_cast<double>(time_ns - last_far_ns_);
             origin_rev_ += last_far_rev_ + speed_rev_per_s * since_s - position_rev;
             told_to_count_anew_ = 0;

@@ -108,8 +108,7 @@ void Supervisor::to(Phase phase) {
 
 void Supervisor::enter(Mode mode) {
     mode_ = mode;
-    phase_ = Phase::steady;
-    phase_cycles_ = 0;
+    to(Phase::steady);
 }
 
 // Arming and ramping to idle are watched by the rules of the driving modes, and so is a latched fault: what

@@ -64,7 +64,6 @@ ParameterService::Result ParameterService::read(std::uint16_t index, double& val
 }
 
 ParameterService::Result ParameterService::stage(std::uint16_t index, double value) {
-    if (staged_count_ == 0) staged_ = live_;
     double unused = 0;
     if (const Result known = read(index, unused); known != Result::ok) return known;
     const model::ChangeWhen when = model::changeable(index);

@@ -104,7 +104,7 @@ class ParameterService {
 
     model::RobotParameters& live_;
     SaveMailbox& mailbox_;
-    model::RobotParameters staged_;
+    model::RobotParameters staged_;  // for trying; commit() begins anew from the live ones
     std::array<ChangedParameter, 64> staged_list_{};
     std::size_t staged_count_ = 0;
     bool staged_needs_idle_ = false;
