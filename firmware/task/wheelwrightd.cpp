@@ -2,6 +2,7 @@
 // one cycle in each millisecond until it is asked to end.
 #include <CLI/CLI.hpp>
 #include <array>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -10,11 +11,14 @@
 #include <string>
 
 #include "drivers/drive_catalogue.hpp"
+#include "firmware/task/black_box_writer.hpp"
+#include "firmware/task/build_identity.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/cycle.hpp"
 #include "firmware/task/realtime_loop.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
+#include "firmware/task/write_file.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
@@ -61,6 +65,7 @@ struct Options {
     std::string config;
     std::string can;
     std::string host_can;
+    std::string black_box;
     double duration_s = 0;
     bool allow_soft_realtime = false;
     bool statistics = false;
@@ -145,6 +150,27 @@ bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line
     return false;
 }
 
+// From the cycle's clock to that of candump.
+std::int64_t wall_clock_offset_ns() {
+    using std::chrono::nanoseconds;
+    const auto wall = std::chrono::system_clock::now().time_since_epoch();
+    const auto ours = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration_cast<nanoseconds>(wall).count() -
+           std::chrono::duration_cast<nanoseconds>(ours).count();
+}
+
+task::BoxAbout about_box(const Options& options, const task::CyclePorts& ports,
+                         std::int32_t drive_generation) {
+    task::BoxAbout about;
+    about.build = task::build_identity();
+    about.interface = {options.can, ports.host_bus == nullptr ? "" : options.host_can};
+    about.stop_line = ports.emergency_stop != nullptr;
+    about.enable_line = ports.drive_enable != nullptr;
+    about.drive_generation = drive_generation;
+    task::read_whole_file(options.config, about.robot_file);
+    return about;
+}
+
 int run(const Options& options) {
     ignore_broken_pipes();
     const task::RobotFileResult file = task::read_robot_file(options.config);
@@ -202,14 +228,31 @@ int run(const Options& options) {
     }
 
     task::SaveMailbox mailbox;
+    const task::CyclePorts ports{*drive_bus.value(), host_bus.get(),   *left, *right,
+                                 stop_line.get(),    enable_line.get()};
+    std::unique_ptr<task::BlackBox> box;
+    if (!options.black_box.empty()) {
+        const std::string problem = task::BlackBoxWriter::prepare(options.black_box);
+        if (!problem.empty()) return fail(kMachineLacks, problem);
+        box = std::make_unique<task::BlackBox>(ports, mailbox);
+    }
     const auto cycle =
-        std::make_unique<task::Cycle>(parameters, mailbox,
-                                      task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right,
-                                                       stop_line.get(), enable_line.get()});
+        std::make_unique<task::Cycle>(parameters, mailbox, box == nullptr ? ports : box->ports());
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
     block_signals(true);
     const task::Saver saver(options.config, mailbox);
+    std::optional<task::BlackBoxWriter> box_writer;
+    std::optional<task::BlackBoxThread> box_thread;
+    if (box != nullptr) {
+        box->watch(*cycle);
+        const auto say = [](const std::string& sentence) {
+            std::fprintf(stderr, "wheelwrightd: %s\n", sentence.c_str());
+        };
+        box_writer.emplace(*box, options.black_box, about_box(options, ports, parameters.drive.generation),
+                           say, &wall_clock_offset_ns);
+        box_thread.emplace(*box_writer);
+    }
 
     hal::RealtimeOptions realtime;
     realtime.priority = parameters.realtime.priority;
@@ -229,8 +272,13 @@ int run(const Options& options) {
     block_signals(false);
     std::printf("wheelwrightd: running on %s\n", options.can.c_str());
     std::fflush(stdout);
-    task::run_cycles(*cycle, clock, *statistics,
-                     static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s));
+    const auto cycles = static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s);
+    if (box == nullptr) {
+        task::run_cycles(*cycle, clock, *statistics, cycles);
+    } else {
+        task::RecordedCycle recorded(*cycle, *box);
+        task::run_cycles(recorded, clock, *statistics, cycles);
+    }
     running_cycle = nullptr;
     if (options.statistics) print_statistics(*statistics);
     return kDone;
@@ -258,6 +306,9 @@ int main(int argc, char** argv) {
             const double value = std::strtod(text.c_str(), nullptr);
             return value > 0 && value <= 1e9 ? "" : "found " + text + ", expected a number greater than 0";
         });
+    program.add_option(
+        "--black-box", options.black_box,
+        "After each fault, write the last half minute to a file in this directory; the newest 8 stay");
     program.add_flag("--statistics", options.statistics,
                      "At the end, print latency, execution time and sending phase of the cycles");
     try {
