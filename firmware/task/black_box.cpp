@@ -9,13 +9,6 @@ namespace {
 // One cycle at its worst: 64 FD frames from each of two buses, and all that it sends.
 constexpr std::size_t kMostOfACycle_bytes = 16'384;
 
-std::uint8_t flags_of(const hal::CanFrame& frame) {
-    return static_cast<std::uint8_t>((frame.extended ? FrameFlag::extended : 0) |
-                                     (frame.remote ? FrameFlag::remote : 0) | (frame.fd ? FrameFlag::fd : 0) |
-                                     (frame.bit_rate_switch ? FrameFlag::bit_rate_switch : 0) |
-                                     (frame.error ? FrameFlag::error : 0));
-}
-
 // A copy that may be torn, and is then thrown away. The thread sanitizer would call that a race.
 [[gnu::no_sanitize("thread"), gnu::noinline]] void copy_while_it_may_change(std::byte* to,
                                                                             std::span<const std::byte> from) {
@@ -42,8 +35,7 @@ hal::CanStatus BlackBox::Bus::send(const hal::CanFrame& frame) {
 
 bool BlackBox::Bus::waits(std::uint32_t id) const {
     const bool waits = real_.waits(id);
-    if (waits && box_.record_ != nullptr)
-        box_.put(FrameRecord{{id, RecordKind::waits, number_, 0, 0}, 0, {}});
+    if (waits) box_.put_frame(RecordKind::waits, number_, {.id = id, .data = {}}, 0);
     return waits;
 }
 
@@ -63,7 +55,7 @@ hal::CanStatistics BlackBox::Bus::statistics() const {
     if (box_.record_ != nullptr && number_ == 0 &&
         (now.receive_overflow != last.receive_overflow || now.error_frames != last.error_frames ||
          now.bus_off != last.bus_off)) {
-        last = {{0, RecordKind::statistics, 0, 0, 0}, now.receive_overflow, now.error_frames, now.bus_off};
+        last = {{RecordKind::statistics, 0}, now.receive_overflow, now.error_frames, now.bus_off};
         box_.put(last);
     }
     return now;
@@ -120,12 +112,14 @@ T& BlackBox::put(const T& record) {
 void BlackBox::put_frame(RecordKind kind, std::uint8_t bus, const hal::CanFrame& frame,
                          std::int64_t time_ns) {
     if (record_ == nullptr) return;
-    FrameRecord& record = put(FrameRecord{{frame.id, kind, bus, flags_of(frame), frame.length}, time_ns, {}});
-    std::memcpy(record.data.data(), frame.data.data(), sizeof(record.data));
-    if (frame.length > sizeof(record.data)) {
-        const std::size_t rest = (frame.length - sizeof(record.data) + 7) / 8 * 8;
-        std::memcpy(next_, frame.data.data() + sizeof(record.data), rest);
-        next_ += rest;
+    FrameRecord* const record = new (next_) FrameRecord;
+    record->head = {kind, bus};
+    std::memcpy(record->frame.data(), &frame, kFrameStart_bytes);
+    record->time_ns = time_ns;
+    next_ += sizeof(FrameRecord);
+    if (frame.length > 8) {
+        std::memcpy(next_, frame.data.data() + 8, rest_bytes(frame.length));
+        next_ += rest_bytes(frame.length);
     }
 }
 
@@ -137,7 +131,7 @@ void BlackBox::begin(const CycleTime& time) {
     ++number_;
     sequence_.store(2 * number_ - 1, std::memory_order_relaxed);
     std::atomic_thread_fence(std::memory_order_release);
-    record_ = &put(CycleRecord{{0, RecordKind::cycle, 0, 0, 0}, time, 0, {}, {}});
+    record_ = &put(CycleRecord{{RecordKind::cycle, 0}, time, 0, {}, {}});
 }
 
 void BlackBox::end() {

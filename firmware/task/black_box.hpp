@@ -23,6 +23,7 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <type_traits>
 
 #include "firmware/task/cycle.hpp"
 
@@ -42,22 +43,22 @@ enum class RecordKind : std::uint8_t {
 };
 
 struct RecordHead {
-    std::uint32_t id = 0;
     RecordKind kind{};
-    std::uint8_t bus = 0;     // 0: the drives', 1: the host's own
-    std::uint8_t flags = 0;   // FrameFlag
-    std::uint8_t length = 0;  // of a frame's data
+    std::uint8_t bus = 0;  // 0: the drives', 1: the host's own
 };
 
-struct FrameFlag {
-    enum : std::uint8_t { extended = 1, remote = 2, fd = 4, bit_rate_switch = 8, error = 16 };
-};
-
+// A frame as it lies in memory, up to its eighth byte of data; of an FD frame the rest follows the record.
+inline constexpr std::size_t kFrameStart_bytes = offsetof(hal::CanFrame, data) + 8;
 struct FrameRecord {
     RecordHead head;
-    std::int64_t time_ns = 0;          // received frames: the timestamp
-    std::array<std::uint8_t, 8> data;  // of an FD frame the rest follows
+    std::array<std::byte, kFrameStart_bytes> frame;
+    std::int64_t time_ns;  // received frames: the timestamp
 };
+
+// What follows the record of such a frame.
+constexpr std::size_t rest_bytes(std::uint8_t length) {
+    return length > 8 ? (length - std::size_t{8} + 7) / 8 * 8 : 0;
+}
 
 struct StatisticsRecord {
     RecordHead head;
@@ -97,8 +98,8 @@ struct CycleRecord {
     CycleState state;
 };
 
-static_assert(sizeof(FrameRecord) % 8 == 0 && sizeof(StatisticsRecord) % 8 == 0 &&
-              sizeof(CycleRecord) % 8 == 0);
+static_assert(std::is_trivially_copyable_v<hal::CanFrame> && sizeof(FrameRecord) % 8 == 0 &&
+              sizeof(StatisticsRecord) % 8 == 0 && sizeof(CycleRecord) % 8 == 0);
 
 // ---- the box --------------------------------------------------------------------------------------------
 
@@ -109,12 +110,12 @@ class BlackBox {
     static constexpr std::size_t kSegments = 4;  // the window, and one that is being filled
     static constexpr std::uint64_t kSegmentCycles = 10'000;
     static_assert((kSegments - 1) * kSegmentCycles * kCyclePeriod_s >= kBlackBoxWindow_s);
-    // Two drives at 1 kHz, host and telemetry make 1.9 MB of it.
-    static constexpr std::size_t kSegment_bytes = 2'500'000;
+    // Two drives at 1 kHz, host and telemetry make 2.3 MB of it.
+    static constexpr std::size_t kSegment_bytes = 3'000'000;
     // What a fault has led to is recorded too.
     static constexpr std::uint64_t kCyclesAfterFault = 1000;
 
-    // Takes 20 MB. `real` are the ports of machine or simulation.
+    // Takes 24 MB. `real` are the ports of machine or simulation.
     BlackBox(const CyclePorts& real, SaveMailbox& mailbox);
     BlackBox(const BlackBox&) = delete;
     BlackBox& operator=(const BlackBox&) = delete;

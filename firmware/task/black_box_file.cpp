@@ -140,12 +140,22 @@ T read_as(const std::byte* at) {
     return record;
 }
 
+hal::CanFrame frame_of(const std::byte* at) {
+    const auto record = read_as<FrameRecord>(at);
+    hal::CanFrame frame;
+    std::memcpy(static_cast<void*>(&frame), record.frame.data(), kFrameStart_bytes);
+    std::memcpy(frame.data.data() + 8, at + sizeof(record),
+                std::min(rest_bytes(frame.length), sizeof(frame.data) - 8));
+    return frame;
+}
+
 std::size_t size_of(const std::byte* at) {
-    const auto head = read_as<RecordHead>(at);
-    if (head.kind == RecordKind::cycle) return sizeof(CycleRecord);
-    if (head.kind == RecordKind::statistics) return sizeof(StatisticsRecord);
-    const bool whole = head.length <= 8 || head.kind == RecordKind::waits;
-    return sizeof(FrameRecord) + (whole ? 0 : (head.length - std::size_t{8} + 7) / 8 * 8);
+    const auto kind = read_as<RecordHead>(at).kind;
+    if (kind == RecordKind::cycle) return sizeof(CycleRecord);
+    if (kind == RecordKind::statistics) return sizeof(StatisticsRecord);
+    hal::CanFrame frame;
+    std::memcpy(static_cast<void*>(&frame), read_as<FrameRecord>(at).frame.data(), kFrameStart_bytes);
+    return sizeof(FrameRecord) + rest_bytes(frame.length);
 }
 
 std::vector<Item> items_of(const BlackBox::Record& record) {
@@ -176,22 +186,6 @@ std::vector<Item> items_of(const BlackBox::Record& record) {
     return items;
 }
 
-hal::CanFrame frame_of(const std::byte* at) {
-    const auto record = read_as<FrameRecord>(at);
-    hal::CanFrame frame;
-    frame.id = record.head.id;
-    frame.length = std::min<std::uint8_t>(record.head.length, 64);
-    frame.extended = (record.head.flags & FrameFlag::extended) != 0;
-    frame.remote = (record.head.flags & FrameFlag::remote) != 0;
-    frame.fd = (record.head.flags & FrameFlag::fd) != 0;
-    frame.bit_rate_switch = (record.head.flags & FrameFlag::bit_rate_switch) != 0;
-    frame.error = (record.head.flags & FrameFlag::error) != 0;
-    std::memcpy(frame.data.data(), record.data.data(), 8);
-    if (frame.length > 8)
-        std::memcpy(frame.data.data() + 8, at + sizeof(record), frame.length - std::size_t{8});
-    return frame;
-}
-
 std::string cycle_line(const Item& item) {
     const auto r = read_as<CycleRecord>(item.record);
     const CycleInputs& in = r.inputs;
@@ -212,7 +206,8 @@ std::string item_line(const Item& item, const BoxAbout& about) {
         case RecordKind::cycle:
             return cycle_line(item);
         case RecordKind::waits:
-            return text("#w %" PRIu64 ".%u %u %03X", item.cycle, item.place, unsigned(head.bus), head.id);
+            return text("#w %" PRIu64 ".%u %u %03X", item.cycle, item.place, unsigned(head.bus),
+                        frame_of(item.record).id);
         case RecordKind::statistics: {
             const auto s = read_as<StatisticsRecord>(item.record);
             return text("#s %" PRIu64 ".%u %" PRIu64 " %" PRIu64 " %" PRIu64, item.cycle, item.place,

@@ -117,7 +117,7 @@ TEST(BlackBox, a_drive_that_was_stopped_runs_again_to_the_same_bytes) {
 }
 
 TEST(BlackBox, it_begins_in_the_middle_of_a_long_drive) {
-    const Replayed r = replayed(stopped_drive(false, 52));
+    const Replayed r = replayed(stopped_drive(false, 42));
     CHECK_TEXT(r.same(), r.why().c_str());
     CHECK(r.file.memory_cycle > 10'000);
     CHECK(double(r.result.cycles) * task::kCyclePeriod_s > task::kBlackBoxWindow_s);
