@@ -10,8 +10,8 @@ namespace {
 constexpr std::size_t kMostOfACycle_bytes = 16'384;
 
 // A copy that may be torn, and is then thrown away. The thread sanitizer would call that a race.
-[[gnu::no_sanitize("thread"), gnu::noinline]] void copy_while_it_may_change(std::byte* to,
-                                                                            std::span<const std::byte> from) {
+__attribute__((no_sanitize("thread"), noinline)) void copy_while_it_may_change(
+    std::byte* to, std::span<const std::byte> from) {
     using Word [[gnu::may_alias]] = std::uint64_t;
     std::size_t i = 0;
     if (reinterpret_cast<std::uintptr_t>(from.data()) % sizeof(Word) == 0) {
@@ -20,39 +20,46 @@ constexpr std::size_t kMostOfACycle_bytes = 16'384;
             std::memcpy(to + i, &word, sizeof(word));
         }
     }
-    for (; i < from.size(); ++i) to[i] = *const_cast<const volatile std::byte*>(from.data() + i);
+    for (; i < from.size(); ++i) {
+        const volatile std::byte& byte = from[i];
+        to[i] = byte;
+    }
 }
 
 }  // namespace
 
 // ---- ports ----------------------------------------------------------------------------------------------
 
-hal::CanStatus BlackBox::Bus::send(const hal::CanFrame& frame) {
+template <std::uint8_t kNumber>
+hal::CanStatus BlackBox::Bus<kNumber>::send(const hal::CanFrame& frame) {
     const hal::CanStatus status = real_.send(frame);
-    box_.put_frame(status == hal::CanStatus::ok ? RecordKind::sent : RecordKind::refused, number_, frame, 0);
+    box_.put_frame(status == hal::CanStatus::ok ? RecordKind::sent : RecordKind::refused, kNumber, frame, 0);
     return status;
 }
 
-bool BlackBox::Bus::waits(std::uint32_t id) const {
+template <std::uint8_t kNumber>
+bool BlackBox::Bus<kNumber>::waits(std::uint32_t id) const {
     const bool waits = real_.waits(id);
-    if (waits) box_.put_frame(RecordKind::waits, number_, {.id = id, .data = {}}, 0);
+    if (waits) box_.put_waits(kNumber, id);
     return waits;
 }
 
-hal::CanStatus BlackBox::Bus::receive(hal::ReceivedFrame& out) {
+template <std::uint8_t kNumber>
+hal::CanStatus BlackBox::Bus<kNumber>::receive(hal::ReceivedFrame& out) {
     const hal::CanStatus status = real_.receive(out);
     if (status == hal::CanStatus::ok) {
-        box_.put_frame(RecordKind::received, number_, out.frame, out.timestamp_ns);
+        box_.put_frame(RecordKind::received, kNumber, out.frame, out.timestamp_ns);
     } else if (status == hal::CanStatus::bus_down && box_.record_ != nullptr) {
-        box_.record_->inputs.bus_down[number_] = true;
+        box_.record_->inputs.bus_down[kNumber] = true;
     }
     return status;
 }
 
-hal::CanStatistics BlackBox::Bus::statistics() const {
+template <std::uint8_t kNumber>
+hal::CanStatistics BlackBox::Bus<kNumber>::statistics() const {
     const hal::CanStatistics now = real_.statistics();
     StatisticsRecord& last = box_.statistics_;
-    if (box_.record_ != nullptr && number_ == 0 &&
+    if (box_.record_ != nullptr && kNumber == 0 &&
         (now.receive_overflow != last.receive_overflow || now.error_frames != last.error_frames ||
          now.bus_off != last.bus_off)) {
         last = {{RecordKind::statistics, 0}, now.receive_overflow, now.error_frames, now.bus_off};
@@ -76,8 +83,8 @@ bool BlackBox::EnableLine::write(bool active) {
 // ---- recording ------------------------------------------------------------------------------------------
 
 BlackBox::BlackBox(const CyclePorts& real, SaveMailbox& mailbox)
-    : drive_bus_(*this, real.drive_bus, 0), real_(real), mailbox_(mailbox) {
-    if (real.host_bus != nullptr) host_bus_.emplace(*this, *real.host_bus, std::uint8_t{1});
+    : drive_bus_(*this, real.drive_bus), real_(real), mailbox_(mailbox) {
+    if (real.host_bus != nullptr) host_bus_.emplace(*this, *real.host_bus);
     if (real.emergency_stop != nullptr) stop_line_.emplace(*this, *real.emergency_stop);
     if (real.drive_enable != nullptr) enable_line_.emplace(*this, *real.drive_enable);
 }
@@ -121,6 +128,13 @@ void BlackBox::put_frame(RecordKind kind, std::uint8_t bus, const hal::CanFrame&
         std::memcpy(next_, frame.data.data() + 8, rest_bytes(frame.length));
         next_ += rest_bytes(frame.length);
     }
+}
+
+void BlackBox::put_waits(std::uint8_t bus, std::uint32_t id) {
+    hal::CanFrame frame;
+    frame.id = id;
+    frame.data = {};
+    put_frame(RecordKind::waits, bus, frame, 0);
 }
 
 void BlackBox::begin(const CycleTime& time) {

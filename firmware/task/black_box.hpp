@@ -72,8 +72,6 @@ struct CycleInputs {
     std::array<bool, 2> bus_down{};
     bool terminate = false;
     SaveMailbox::Answers save;
-
-    bool operator==(const CycleInputs&) const = default;
 };
 
 // What it has decided.
@@ -169,10 +167,10 @@ class BlackBox {
         std::size_t newest = 0, count = 0;
     };
 
+    template <std::uint8_t kNumber>
     class Bus final : public hal::CanBus {
       public:
-        Bus(BlackBox& box, hal::CanBus& real, std::uint8_t number)
-            : box_(box), real_(real), number_(number) {}
+        Bus(BlackBox& box, hal::CanBus& real) : box_(box), real_(real) {}
         hal::CanStatus send(const hal::CanFrame& frame) override;
         bool waits(std::uint32_t id) const override;
         hal::CanStatus receive(hal::ReceivedFrame& out) override;
@@ -184,7 +182,6 @@ class BlackBox {
       private:
         BlackBox& box_;
         hal::CanBus& real_;
-        std::uint8_t number_;
     };
     class StopLine final : public hal::DigitalInput {
       public:
@@ -208,13 +205,14 @@ class BlackBox {
     template <typename T>
     T& put(const T& record);
     void put_frame(RecordKind kind, std::uint8_t bus, const hal::CanFrame& frame, std::int64_t time_ns);
+    void put_waits(std::uint8_t bus, std::uint32_t id);
     void begin_segment();
     void close_segment(Bank& bank);
     void note_fault();
     void hand_over();
 
-    Bus drive_bus_;
-    std::optional<Bus> host_bus_;
+    Bus<0> drive_bus_;
+    std::optional<Bus<1>> host_bus_;
     std::optional<StopLine> stop_line_;
     std::optional<EnableLine> enable_line_;
     CyclePorts real_;
