@@ -3,6 +3,7 @@
 #include <sys/resource.h>
 
 #include <algorithm>
+#include <chrono>
 #include <csignal>
 #include <cstring>
 #include <filesystem>
@@ -10,9 +11,11 @@
 #include <iterator>
 #include <sstream>
 #include <string>
+#include <thread>
 #include <vector>
 
-#include "firmware/task/write_file.hpp"
+#include "firmware/task/black_box_writer.hpp"
+#include "firmware/task/build_identity.hpp"
 #include "tests/bench/cycle_rig.hpp"
 #include "tests/chain/scene.hpp"
 #include "tools/cli/scratch_folder.hpp"
@@ -290,6 +293,37 @@ TEST(BlackBox, a_fault_while_another_is_written_waits_or_is_counted) {
     rig.box().release();
     run(1);
     CHECK(rig.box().record() == nullptr);
+}
+
+// The writer's thread copies while cycles come quicker than on any robot, and throws torn copies away.
+TEST(BlackBox, the_memory_is_copied_while_the_loop_runs) {
+    const ScratchFolder folder;
+    const bench::ExampleRobots robots = bench::example_robots(true);
+    bench::RigOptions options;
+    options.world = robots.world;
+    options.black_box = true;
+    bench::CycleRig rig(robots.controller, robots.truth, options);
+    task::BoxAbout about;
+    about.build = task::build_identity();
+    about.interface = {"can0", ""};
+    about.drive_generation = robots.controller.drive.generation;
+    task::BlackBoxWriter writer(rig.box(), folder.path(), about, [](const std::string&) {});
+    {
+        const task::BlackBoxThread thread(writer);
+        for (int i = 0; i < 46'000; ++i) {
+            if (i == 300) rig.host().velocity({0.3, 0.4});
+            if (i == 300) rig.host().mode(Mode::velocity);
+            if (i == 44'500) rig.host().emergency_stop();
+            rig.step();
+            if (i % 50 == 0) std::this_thread::sleep_for(std::chrono::microseconds(300));
+        }
+    }
+    const auto files = files_in(folder.path());
+    CHECK_EQUAL(1U, files.size());
+    const Replayed r = replayed(text_of(files[0]));
+    CHECK_TEXT(r.same(), r.why().c_str());
+    CHECK(r.file.memory_cycle > 1);
+    CHECK(r.result.sent > 2 * r.result.cycles * 9 / 10);  // it drove
 }
 
 TEST(BlackBox, the_newest_eight_stay_and_what_a_power_cut_has_left_goes) {
