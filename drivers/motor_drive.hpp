@@ -7,6 +7,7 @@
 // allocates, blocks or throws.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <limits>
 #include <span>
@@ -141,6 +142,9 @@ class MotorDrive {
 
     // The name of one of feedback().error_bits; "unknown" for a bit without one.
     virtual std::string_view error_name(std::uint32_t bit) const = 0;
+
+    // All that this driver remembers, as hal::plain_memory() has it.
+    virtual std::span<std::byte> memory() = 0;
 };
 
 constexpr std::string_view to_string_view(DriveState state) {

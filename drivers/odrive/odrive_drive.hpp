@@ -55,6 +55,7 @@
 
 #include "drivers/motor_drive.hpp"
 #include "firmware/model/robot_parameters.hpp"
+#include "hal/plain_memory.hpp"
 
 namespace wheelwright::drivers {
 
@@ -123,6 +124,7 @@ class OdriveDrive final : public MotorDrive {
     std::string_view error_name(std::uint32_t bit) const override {
         return odrive_error_name(config_.generation, bit);
     }
+    std::span<std::byte> memory() override { return hal::plain_memory(config_, *this); }
 
     // The axis state of the last heartbeat, in the drive's numbers.
     std::uint32_t axis_state() const { return axis_state_; }
@@ -192,7 +194,10 @@ class OdriveDrive final : public MotorDrive {
     void add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s);
     void set_scales();
 
-    OdriveConfig config_;
+    std::array<DriveFrame, 4> frames_{};
+    std::size_t frame_count_ = 0;
+
+    OdriveConfig config_;                // from here on memory()
     double motor_per_wheel_torque_ = 1;  // signed
     double wheel_per_motor_torque_ = 1;
     double wheel_rad_per_rev_ = 1;
@@ -201,8 +206,6 @@ class OdriveDrive final : public MotorDrive {
 
     DriveFeedback feedback_;
     DriveCounters counters_;
-    std::array<DriveFrame, 6> frames_{};
-    std::size_t frame_count_ = 0;
 
     static constexpr int kFarFrames = 8;  // one alone may be nonsense
     double position_rev_ = 0;             // as the drive counts

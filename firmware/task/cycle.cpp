@@ -43,14 +43,25 @@ Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const Cyc
       ports_(ports),
       arming_(ports.arming_key),
       service_(parameters, mailbox),
-      supervisor_(supervisor_config(parameters, arming_.has_key())),
       judge_(parameters),
+      supervisor_(supervisor_config(parameters, arming_.has_key())),
       overrun_(parameters.overrun_fault.in_a_row, parameters.overrun_fault.per_second),
       drive_meter_(parameters.bus.bit_rate_bit_per_s),
       host_meter_(parameters.bus.host_bit_rate_bit_per_s),
       send_phase_ns_(static_cast<std::int64_t>(parameters.realtime.send_phase_s * 1e9)) {
     configure();
     control_.finish_design();
+}
+
+std::array<std::span<std::byte>, 8> Cycle::memory() {
+    return {std::as_writable_bytes(std::span(&parameters_, 1)),
+            service_.memory(),
+            judge_.memory(),
+            torques_.memory(),
+            outbox_.memory(),
+            hal::plain_memory(host_, *this),
+            ports_.left.memory(),
+            ports_.right.memory()};
 }
 
 // Hands the live parameters to everybody who works with them.

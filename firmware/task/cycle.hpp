@@ -28,6 +28,7 @@
 #include "firmware/task/telemetry.hpp"
 #include "hal/can_bus.hpp"
 #include "hal/digital_line.hpp"
+#include "hal/plain_memory.hpp"
 
 namespace wheelwright::task {
 
@@ -56,6 +57,7 @@ class FrameBox final : public drivers::FrameSink {
     std::span<const hal::CanFrame> frames() const { return {frames_.data(), count_}; }
     void clear() { count_ = 0; }
     std::uint32_t lost() const { return lost_; }
+    std::span<std::byte> memory() { return hal::plain_memory(lost_, *this); }  // between cycles it is empty
 
   private:
     std::array<hal::CanFrame, kCapacity> frames_;
@@ -91,6 +93,11 @@ class Cycle {
     const control::WheelObserver<double>& observer() const { return senses_.observer(); }
     const supervisor::Conditions& conditions() const { return conditions_; }
 
+    // Between cycles: all that cycle, drives and live parameters remember, which is all that the next cycle
+    // depends on besides its inputs. Plain values (hal::plain_memory()): what is written back to a cycle that
+    // was made with the same parameters makes it go on from there.
+    std::array<std::span<std::byte>, 8> memory();
+
   private:
     static constexpr int kMostFramesPerCycle = 64;  // per bus; what is left waits for the next cycle
 
@@ -125,15 +132,19 @@ class Cycle {
 
     model::RobotParameters& parameters_;
     CyclePorts ports_;
-    HostLink host_;
     ArmingGuard arming_;
     ParameterService service_;
+    Judge judge_;
+    FrameBox<4> torques_;  // one for each drive
+    FrameBox<24> outbox_;  // what the drives are asked besides
+    std::atomic<bool> terminate_{false};
+
+    HostLink host_;  // from here on plain_memory()
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
     Senses senses_;
     control::EncoderWatch encoder_watch_;
     DriveLimits drive_limits_;
-    Judge judge_;
     MotionControl control_;
     Learning learning_;
     Telemetry telemetry_;
@@ -142,10 +153,7 @@ class Cycle {
     OverrunMonitor overrun_;
     BusMeter drive_meter_;
     BusMeter host_meter_;
-    FrameBox<4> torques_;  // one for each drive
-    FrameBox<24> outbox_;  // what the drives are asked besides
 
-    std::atomic<bool> terminate_{false};
     bool finished_ = false;
     int ending_cycles_ = 0;
 

@@ -6,6 +6,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <array>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
@@ -16,6 +17,8 @@
 #include <string_view>
 
 #include "drivers/drive_catalogue.hpp"
+#include "firmware/task/black_box_writer.hpp"
+#include "firmware/task/build_identity.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/cycle.hpp"
 #include "firmware/task/key_file.hpp"
@@ -24,6 +27,7 @@
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
 #include "hal/linux/cryptography.hpp"
+#include "firmware/task/write_file.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
@@ -72,6 +76,7 @@ struct Options {
     std::string can;
     std::string host_can;
     std::string key;
+    std::string black_box;
     double duration_s = 0;
     bool allow_soft_realtime = false;
     bool statistics = false;
@@ -211,6 +216,27 @@ std::string key_path(const Options& options, const task::RobotFile& robot) {
     return std::filesystem::path(options.config).parent_path() / robot.key_file;  // a whole path stays itself
 }
 
+// From the cycle's clock to that of candump.
+std::int64_t wall_clock_offset_ns() {
+    using std::chrono::nanoseconds;
+    const auto wall = std::chrono::system_clock::now().time_since_epoch();
+    const auto ours = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration_cast<nanoseconds>(wall).count() -
+           std::chrono::duration_cast<nanoseconds>(ours).count();
+}
+
+task::BoxAbout about_box(const Options& options, const task::CyclePorts& ports,
+                         std::int32_t drive_generation) {
+    task::BoxAbout about;
+    about.build = task::build_identity();
+    about.interface = {options.can, ports.host_bus == nullptr ? "" : options.host_can};
+    about.stop_line = ports.emergency_stop != nullptr;
+    about.enable_line = ports.drive_enable != nullptr;
+    about.drive_generation = drive_generation;
+    task::read_whole_file(options.config, about.robot_file);
+    return about;
+}
+
 int run(const Options& options) {
     ignore_broken_pipes();
     const task::RobotFileResult file = task::read_robot_file(options.config);
@@ -276,14 +302,31 @@ int run(const Options& options) {
     }
 
     task::SaveMailbox mailbox;
+    const task::CyclePorts ports{*drive_bus.value(), host_bus.get(),   *left, *right,
+                                 stop_line.get(),    enable_line.get(), key.view()};
+    std::unique_ptr<task::BlackBox> box;
+    if (!options.black_box.empty()) {
+        const std::string problem = task::BlackBoxWriter::prepare(options.black_box);
+        if (!problem.empty()) return fail(kMachineLacks, problem);
+        box = std::make_unique<task::BlackBox>(ports, mailbox);
+    }
     const auto cycle =
-        std::make_unique<task::Cycle>(parameters, mailbox,
-                                      task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right,
-                                                       stop_line.get(), enable_line.get(), key.view()});
+        std::make_unique<task::Cycle>(parameters, mailbox, box == nullptr ? ports : box->ports());
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
     block_signals(true);
     const task::Saver saver(options.config, mailbox);
+    std::optional<task::BlackBoxWriter> box_writer;
+    std::optional<task::BlackBoxThread> box_thread;
+    if (box != nullptr) {
+        box->watch(*cycle);
+        const auto say = [](const std::string& sentence) {
+            std::fprintf(stderr, "wheelwrightd: %s\n", sentence.c_str());
+        };
+        box_writer.emplace(*box, options.black_box, about_box(options, ports, parameters.drive.generation),
+                           say, &wall_clock_offset_ns);
+        box_thread.emplace(*box_writer);
+    }
 
     hal::ServiceManager manager;
     std::optional<task::LoopWatch> watch;
@@ -313,8 +356,13 @@ int run(const Options& options) {
     std::fflush(stdout);
     manager.ready();
     watch->begin();
-    task::run_cycles(*cycle, clock, *statistics,
-                     static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s));
+    const auto cycles = static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s);
+    if (box == nullptr) {
+        task::run_cycles(*cycle, clock, *statistics, cycles);
+    } else {
+        task::RecordedCycle recorded(*cycle, *box);
+        task::run_cycles(recorded, clock, *statistics, cycles);
+    }
     watch.reset();
     manager.stopping();
     running_cycle = nullptr;
@@ -347,6 +395,9 @@ int main(int argc, char** argv) {
             const double value = std::strtod(text.c_str(), nullptr);
             return value > 0 && value <= 1e9 ? "" : "found " + text + ", expected a number greater than 0";
         });
+    program.add_option(
+        "--black-box", options.black_box,
+        "After each fault, write the last half minute to a file in this directory; the newest 8 stay");
     program.add_flag("--statistics", options.statistics,
                      "At the end, print latency, execution time and sending phase of the cycles");
     try {

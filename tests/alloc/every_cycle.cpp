@@ -73,6 +73,7 @@ class Visit {
     Visit(Tour& tour, const Watch& watch, const bench::ExampleRobots& robots, bench::RigOptions options = {})
         : tour_(tour), watch_(watch), witness_(tour) {
         options.world = robots.world;
+        options.black_box = true;
         rig_ = std::make_unique<bench::CycleRig>(robots.controller, robots.truth, options);
         rig_->bus().add_tap(witness_);
         run(300);

@@ -47,7 +47,9 @@ CycleRig::CycleRig(const model::RobotParameters& controller, const model::RobotP
         options.digital_lines ? &stop_line_ : nullptr,
         options.digital_lines ? &enable_line_ : nullptr,
         options.arming_key};
-    cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
+    if (options.black_box) box_ = std::make_unique<task::BlackBox>(ports, mailbox_);
+    cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, box_ == nullptr ? ports : box_->ports());
+    if (box_ != nullptr) box_->watch(*cycle_);
 }
 
 task::CycleTime CycleRig::wake() {

@@ -2,6 +2,7 @@
 import contextlib
 import ctypes
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -403,6 +404,49 @@ class Limits(Case):
                               if data[0] == 8], [])
         self.assertEqual(list(self.rig.torques(began).values()), [[], []])
         self.rig.clear_fault()
+
+
+class BlackBox(Case):
+    def test_a_stop_leaves_a_file_that_replays(self):
+        self.rig = rig.Rig()
+        self.addCleanup(self.rig.end)
+        self.rig.start_robot()
+        folder = self.rig.file("boxes")
+        self.rig.start_daemon("--black-box", folder)
+        stream = self.rig.stream("VelocityCommand", 0.02, **TURN)
+        self.addCleanup(self.rig.end_stream, stream)
+        self.rig.mode("velocity")
+        self.rig.until(lambda: abs(self.rig.truth()[5]) > 1.0, "the robot turns")
+        self.rig.send("EmergencyStop")
+        self.rig.until_fault("emergency_stop_message")
+        name = "black-box-000001-emergency_stop_message.log"
+        self.rig.until(lambda: os.listdir(folder) == [name], "the black box is written")
+        path = os.path.join(folder, name)
+
+        def replay(file):
+            done = subprocess.run([rig.wheelwright(), "replay", file], capture_output=True, text=True, check=False)
+            return done.returncode, done.stdout + done.stderr
+        status, said = replay(path)
+        print(said)
+        self.assertEqual(status, 0, said)
+        with open(path, encoding="ascii") as file:
+            lines = file.read().splitlines(keepends=True)
+        sent = [i for i, line in enumerate(lines) if re.search(r" 02E#\w{16} T ", line)][-1]
+        cycle = re.search(r" T (\d+)\.", lines[sent])[1]
+        lines[sent] = re.sub("02E#.", lambda m: "02E#" + ("1" if m[0][-1] == "0" else "0"), lines[sent])
+        changed = self.rig.file("changed.log")
+        with open(changed, "w", encoding="ascii") as file:
+            file.writelines(lines)
+        status, said = replay(changed)
+        self.assertEqual(status, 3, said)
+        self.assertIn(f"DIFFERS in cycle {cycle} ", said)
+        self.assertIn("CHANGED", said)
+        # can-utils read it.
+        frames = sum(line.startswith("(") for line in lines)
+        ascii_log = subprocess.run(["log2asc", "-I", path, self.rig.interface], capture_output=True, text=True, check=True)
+        self.assertEqual(sum(bool(re.match(r" +\d+\.\d+ 1 ", line)) for line in ascii_log.stdout.splitlines()), frames)
+        self.assertEqual(self.rig.stop_daemon(), 0)
+        subprocess.run(["canplayer", "-t", "-I", path, f"vcan1={self.rig.interface}"], check=True)
 
 
 class Arming(Case):

@@ -44,6 +44,7 @@ void add_ident(const CommandLine& program, Run& run);
 void add_monitor(const CommandLine& program, Run& run);
 void add_record(const CommandLine& program, Run& run);
 void add_paper(const CommandLine& program, Run& run);
+void add_replay(const CommandLine& program, Run& run);
 void add_robots(const CommandLine& program, Run& run);
 void add_sim(const CommandLine& program, Run& run);
 void add_torture(const CommandLine& program, Run& run);

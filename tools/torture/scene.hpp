@@ -31,9 +31,15 @@ struct SceneSetup {
 };
 SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots);
 
+// What a scene writes; "": nothing.
+struct SceneRecords {
+    std::string log;        // a file: the frames as candump -L writes them
+    std::string black_box;  // a directory
+};
+
 class Scene {
   public:
-    explicit Scene(const SceneSetup& setup, const std::string& log_path = "");
+    explicit Scene(const SceneSetup& setup, const SceneRecords& records = {});
 
     // Puts the robot on its way in the setup's mode. False: the mode was not entered, `problem` says why.
     bool drive_off();
@@ -95,7 +101,7 @@ class Scene {
     std::function<void()> undo;
 
   private:
-    static SimulationOptions options(const SceneSetup& setup, const std::string& log_path);
+    static SimulationOptions options(const SceneSetup& setup, const SceneRecords& records);
     SceneSetup setup_;
     sim::Random random_;
     Simulation sim_;

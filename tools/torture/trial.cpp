@@ -275,12 +275,12 @@ UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots) {
     return drive;
 }
 
-TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, const std::string& log_path) {
+TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, const SceneRecords& records) {
     TortureResult result;
     result.kind = kind.name;
     result.seed = untouched.setup.seed;
     result.setup = untouched.setup.text();
-    Scene scene(untouched.setup, log_path);
+    Scene scene(untouched.setup, records);
     Judge judge(scene, kind, result);
     if (!scene.drive_off()) {  // untouched it did
         judge.violate("not repeatable", scene.problem);

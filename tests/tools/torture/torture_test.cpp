@@ -3,10 +3,14 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
+#include <fstream>
 #include <string>
 #include <vector>
 
+#include "tools/cli/scratch_folder.hpp"
+#include "tools/replay/cycle_replay.hpp"
 #include "tools/torture/campaign.hpp"
 #include "tools/torture/healthy.hpp"
 #include "tools/torture/hostile.hpp"
@@ -248,4 +252,34 @@ TEST(KilledSaves, the_robot_file_is_the_old_or_the_new_one) {
     CHECK_EQUAL(60U, result.kills);
     CHECK_EQUAL(0U, result.broken);
     CHECK(result.saves_seen >= 30);  // or nothing was saved that could break
+}
+
+// Frames lost, late, wrong and refused, jams, stalls, reboots, second hosts: whatever the cycle was told is
+// in its black box. WHEELWRIGHT_CAMPAIGN: every kind.
+TEST_GROUP(TortureBlackBox){};
+
+TEST(TortureBlackBox, what_went_wrong_runs_again_to_the_same_bytes) {
+    const char* all = std::getenv("WHEELWRIGHT_CAMPAIGN");
+    const std::size_t stride = all != nullptr && *all != '\0' ? 1 : 9;
+    std::size_t boxes = 0;
+    for (std::size_t i = 0; i < torture_kinds().size(); i += stride) {
+        const TortureKind& kind = torture_kinds()[i];
+        const UntouchedDrive untouched = untouched_drive(i + 1, TorturedRobots::both);
+        const ScratchFolder folder;
+        torture(kind, untouched, {"", folder.path()});
+        for (const auto& entry : std::filesystem::directory_iterator(folder.path())) {
+            std::ifstream in(entry.path());
+            task::BlackBoxFile file;
+            const std::string problem = task::read_black_box(in, file);
+            const ReplayResult result = problem.empty() ? replay(file) : ReplayResult{};
+            const std::string what = std::string(kind.name) + ", seed " + std::to_string(i + 1) + ": " +
+                                     problem + result.problem +
+                                     (result.difference ? result.difference->what : "");
+            CHECK_TEXT(problem.empty() && result.problem.empty() && !result.difference, what.c_str());
+            CHECK(file.as_written);
+            ++boxes;
+        }
+    }
+    std::printf("%zu black boxes\n", boxes);
+    CHECK(boxes >= torture_kinds().size() / stride / 2);
 }
