@@ -7,6 +7,7 @@
 
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/example_robots.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ctl/link.hpp"
 #include "tools/excite/excitation.hpp"
@@ -16,7 +17,7 @@ namespace wheelwright::tools {
 namespace {
 
 struct Options {
-    std::string advice, robot = WHEELWRIGHT_ROBOTS "/default.toml", plant, log, interface, json;
+    std::string advice, robot = example_robot("default.toml"), plant, log, interface, json;
     std::uint64_t seed = 1;
     std::size_t which = 1;
     int rounds = excite::kUsualRounds;

@@ -15,6 +15,7 @@
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/example_robots.hpp"
 #include "tools/cli/ident_words.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/ctl/frames.hpp"
@@ -25,8 +26,8 @@ namespace wheelwright::tools {
 namespace {
 
 struct Options {
-    std::string robot = WHEELWRIGHT_ROBOTS "/default.toml";
-    std::string plant = WHEELWRIGHT_ROBOTS "/simulated.toml";
+    std::string robot = example_robot("default.toml");
+    std::string plant = example_robot("simulated.toml");
     std::uint64_t seed = 1;
     double duration_s = 0;
     std::string log;

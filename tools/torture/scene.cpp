@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "firmware/control/trajectory.hpp"
+#include "tools/cli/example_robots.hpp"
 #include "tools/sim/experiments.hpp"
 #include "tools/strangers/draw.hpp"
 #include "tools/strangers/trial.hpp"
@@ -20,11 +21,11 @@ constexpr std::array kModes{Mode::ident, Mode::velocity, Mode::pose, Mode::traje
 constexpr double kCycleDelay_s = 0.0007;
 
 const task::RobotFile& standard_believed() {
-    static const task::RobotFile file = load_robot(WHEELWRIGHT_ROBOTS "/default.toml");
+    static const task::RobotFile file = load_robot(example_robot("default.toml"));
     return file;
 }
 const task::RobotFile& standard_truth() {
-    static const task::RobotFile file = load_robot(WHEELWRIGHT_ROBOTS "/simulated.toml");
+    static const task::RobotFile file = load_robot(example_robot("simulated.toml"));
     return file;
 }
 

@@ -16,6 +16,7 @@
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/example_robots.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/report/page.hpp"
 #include "tools/torture/campaign.hpp"
@@ -300,7 +301,7 @@ int run_kill_saves(const Options& options) {
     std::error_code failed;
     std::filesystem::create_directories(folder, failed);
     const std::string path = (folder / "robot.toml").string();
-    std::filesystem::copy_file(WHEELWRIGHT_ROBOTS "/default.toml", path, failed);
+    std::filesystem::copy_file(example_robot("default.toml"), path, failed);
     const KillSavesResult result = kill_saves(path, options.kill_saves, options.first_seed);
     std::filesystem::remove_all(folder, failed);
     std::printf(
