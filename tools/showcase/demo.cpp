@@ -13,6 +13,7 @@
 #include "hal/linux/realtime.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/example_robots.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/showcase/demo_page.hpp"
 #include "tools/showcase/hidden_effect.hpp"
@@ -22,8 +23,8 @@ namespace wheelwright::tools {
 namespace {
 
 struct Options {
-    std::string robot = WHEELWRIGHT_ROBOTS "/default.toml";
-    std::string plant = WHEELWRIGHT_ROBOTS "/simulated.toml";
+    std::string robot = example_robot("default.toml");
+    std::string plant = example_robot("simulated.toml");
     std::string interface;
     std::string out = "build/demo";
     std::string json;

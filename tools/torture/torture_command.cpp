@@ -16,6 +16,7 @@
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
+#include "tools/cli/example_robots.hpp"
 #include "tools/cli/report.hpp"
 #include "tools/report/page.hpp"
 #include "tools/torture/campaign.hpp"
@@ -38,6 +39,7 @@ struct Options {
     std::string kind;
     std::string robots = "both";
     std::string log;
+    std::string black_box;
     std::string page;
     std::string json;
     bool list = false;
@@ -117,7 +119,7 @@ int replay(const Options& options, const TortureKind& kind) {
                      untouched.problem.c_str());
         return kBadInput;
     }
-    const TortureResult result = torture(kind, untouched, options.log);
+    const TortureResult result = torture(kind, untouched, {options.log, options.black_box});
     std::printf("%s, seed %llu: %s\n", options.kind.c_str(), static_cast<unsigned long long>(options.seed),
                 result.setup.c_str());
     for (const std::string& line : result.story) std::printf("%s\n", line.c_str());
@@ -301,7 +303,7 @@ int run_kill_saves(const Options& options) {
     std::error_code failed;
     std::filesystem::create_directories(folder, failed);
     const std::string path = (folder / "robot.toml").string();
-    std::filesystem::copy_file(WHEELWRIGHT_ROBOTS "/default.toml", path, failed);
+    std::filesystem::copy_file(example_robot("default.toml"), path, failed);
     const KillSavesResult result = kill_saves(path, options.kill_saves, options.first_seed);
     std::filesystem::remove_all(folder, failed);
     std::printf(
@@ -379,6 +381,9 @@ void add_torture(const CommandLine& program, Run& run) {
         .check(from_to("0", "1000"))
         .show_default();
     command.add_option("--log", options->log, "Write its bus's frames to this file, as candump -L does")
+        .needs(seed)
+        .needs(kind);
+    command.add_option("--black-box", options->black_box, "Write its black boxes to this directory")
         .needs(seed)
         .needs(kind);
     command.add_option("--page", options->page, "Write a page (HTML) to this file");
