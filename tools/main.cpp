@@ -2,14 +2,17 @@
 #include <cstdio>
 #include <exception>
 
+#include "firmware/task/build_identity.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 
+using namespace wheelwright;
 using namespace wheelwright::tools;
 
 int main(int argc, char** argv) {
     try {
-        const Program program("wheelwright", "Identify, tune and drive differential-drive robots over CAN.");
+        const Program program("wheelwright", "Identify, tune and drive differential-drive robots over CAN.",
+                              task::build_identity());
         const CommandLine line = program.line();
         line.footer(
             "wheelwright COMMAND --help explains a command.\n"

@@ -26,8 +26,8 @@
 #include "firmware/task/realtime_loop.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
-#include "hal/linux/cryptography.hpp"
 #include "firmware/task/write_file.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
@@ -302,7 +302,7 @@ int run(const Options& options) {
     }
 
     task::SaveMailbox mailbox;
-    const task::CyclePorts ports{*drive_bus.value(), host_bus.get(),   *left, *right,
+    const task::CyclePorts ports{*drive_bus.value(), host_bus.get(),    *left,     *right,
                                  stop_line.get(),    enable_line.get(), key.view()};
     std::unique_ptr<task::BlackBox> box;
     if (!options.black_box.empty()) {
@@ -381,6 +381,8 @@ int main(int argc, char** argv) {
         "Exit status: 0 done; 1 usage or configuration; 3 the cycle hung, and the drives were told to be "
         "idle; "
         "4 the machine lacks something (no CAN, no permission).");
+    program.set_version_flag("--version", "wheelwrightd " + task::build_identity(),
+                             "Print version and build, and exit");
     program.add_option("--config", options.config, "Robot file")->required();
     program
         .add_option("--can", options.can, "CAN interface of the drives, and of the host unless --host-can")

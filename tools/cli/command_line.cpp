@@ -114,8 +114,10 @@ void CommandLine::require_subcommand() const { app_->require_subcommand(1); }
 
 void CommandLine::fallthrough() const { app_->fallthrough(); }
 
-Program::Program(const std::string& name, const std::string& text) : app_(std::make_unique<CLI::App>(text)) {
+Program::Program(const std::string& name, const std::string& text, const std::string& version)
+    : app_(std::make_unique<CLI::App>(text)) {
     app_->name(name);
+    app_->set_version_flag("--version", name + " " + version, "Print version and build, and exit");
 }
 
 Program::~Program() = default;

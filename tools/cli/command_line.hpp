@@ -65,7 +65,8 @@ class CommandLine {
 // A whole program's command line.
 class Program {
   public:
-    Program(const std::string& name, const std::string& text);
+    // `version`: what --version says behind the name.
+    Program(const std::string& name, const std::string& text, const std::string& version);
     ~Program();
     Program(const Program&) = delete;
     Program& operator=(const Program&) = delete;
