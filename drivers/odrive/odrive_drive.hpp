@@ -194,7 +194,7 @@ class OdriveDrive final : public MotorDrive {
     void add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s);
     void set_scales();
 
-    std::array<DriveFrame, 4> frames_{};
+    std::array<DriveFrame, 6> frames_{};
     std::size_t frame_count_ = 0;
 
     OdriveConfig config_;                // from here on memory()

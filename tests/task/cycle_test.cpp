@@ -57,6 +57,9 @@ struct FakeDrive final : drivers::MotorDrive {
     drivers::ArmRefusal refusal() const override { return {}; }
     const drivers::DriveFeedback& feedback() const override { return told; }
     const drivers::DriveCounters& counters() const override { return counted; }
+    void push_idle(drivers::FrameSink& out) const override { out.push(frame(id + 3)); }
+    const drivers::DriveRatings& ratings() const override { return rated; }
+    std::span<std::byte> memory() override { return {}; }
     std::span<const drivers::DriveFrame> frames() const override { return {}; }
     std::string_view error_name(std::uint32_t) const override { return "unknown"; }
 
@@ -72,6 +75,7 @@ struct FakeDrive final : drivers::MotorDrive {
     DriveState now = DriveState::idle;
     drivers::DriveFeedback told;
     drivers::DriveCounters counted;
+    drivers::DriveRatings rated;
     bool feeds = true, obeys = true, asks = false;
     int arms = 0, disarms = 0, clears = 0, accepted = 0, refusals = 0;
     double scale = 0;

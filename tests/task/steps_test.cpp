@@ -293,7 +293,7 @@ TEST(CycleSteps, judge_passes_on_why_a_drive_does_not_follow_or_arm) {
         scene.wants_armed = false;
         CHECK_FALSE(scene.judge().torque_not_followed);  // the drives shall not give any
         scene.wants_armed = true;
-        scene.*side = {drivers::DriveState::idle, {}, drivers::ArmRefusal::none, 0, 0};
+        scene.*side = {drivers::DriveState::idle, {}, drivers::ArmRefusal::none, 0};
         CHECK_FALSE(scene.judge().torque_not_followed);
         CHECK(scene.judge().watchdog_confirmed);
         CHECK(scene.judge().control_mode_confirmed);
