@@ -140,11 +140,6 @@ class WheelObserver {
     // True once each wheel has been heard.
     bool valid() const { return wheels_[0].heard && wheels_[1].heard; }
 
-    // Receive time of each wheel's newest sample that was taken; 0: none.
-    WheelPair<std::int64_t> trusted_ns() const {
-        return {wheels_[0].taken.time_ns, wheels_[1].taken.time_ns};
-    }
-
     // Speeds, angles and twist at the last update's instant, and the heading that was set.
     const model::Motion<Real>& motion() const { return motion_; }
 

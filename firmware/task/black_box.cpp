@@ -90,12 +90,8 @@ BlackBox::BlackBox(const CyclePorts& real, SaveMailbox& mailbox)
 }
 
 CyclePorts BlackBox::ports() {
-    return {drive_bus_,
-            host_bus_ ? &*host_bus_ : nullptr,
-            real_.left,
-            real_.right,
-            stop_line_ ? &*stop_line_ : nullptr,
-            enable_line_ ? &*enable_line_ : nullptr,
+    return {drive_bus_,      host_bus_ ? &*host_bus_ : nullptr,   real_.left,
+            real_.right,     stop_line_ ? &*stop_line_ : nullptr, enable_line_ ? &*enable_line_ : nullptr,
             real_.arming_key};
 }
 

@@ -69,7 +69,7 @@ void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     senses_.configure(parameters_);
-    encoder_watch_.configure(parameters_);
+    encoder_watch_.configure(control::encoder_watch_settings(parameters_));
     drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
@@ -119,8 +119,6 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
         }
         meter.count(received.frame);
         if (received.frame.error) continue;
-        // A clock that has jumped ahead: nothing has come later than now.
-        received.timestamp_ns = std::min(received.timestamp_ns, time_.woken_ns + kCyclePeriod_ns);
         if (from_drives && (ports_.left.accept(received) || ports_.right.accept(received))) continue;
         if (from_host) {
             host_.accept(received);
@@ -168,24 +166,22 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
                          supervisor_.ramping(), host_.counter(HostLink::Cause::foreign_control), told});
 }
 
-// While the probe asks the wheels one by one whether they turn at all, it says better why one does not.
+// The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
 bool Cycle::encoder_implausible(const Observed& seen) {
-    const control::WheelObserver<double>& observer = senses_.observer();
-    const WheelEvidence now{seen.elapsed_s,
-                            ports_.left.feedback(),
-                            ports_.right.feedback(),
-                            seen.motion.wheel_speed_rad_per_s,
-                            observer.unexplained_acceleration(),
-                            seen.last_torque_Nm,
-                            observer.acting_torque_Nm(),
-                            control_.plant().geometry,
-                            may_brake() ? &control_.plant().dynamics : nullptr};
+    const drivers::DriveFeedback& left = ports_.left.feedback();
+    const drivers::DriveFeedback& right = ports_.right.feedback();
+    const WheelPair<double> angle_rad{left.position_rad, right.position_rad};
     if (supervisor_.owner() == Owner::nobody) {
-        encoder_watch_.rest(now);
+        encoder_watch_.rest(angle_rad);
         return false;
     }
-    const bool asks = identifying() && learning_.run().state() == ident::IdentState::probing;
-    return asks ? encoder_watch_.update_alone(now) : encoder_watch_.update(now);
+    if (identifying() && learning_.run().state() == ident::IdentState::probing) {
+        return encoder_watch_.update_alone(angle_rad, seen.last_torque_Nm);
+    }
+    return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
+                                 seen.motion.wheel_speed_rad_per_s, seen.last_torque_Nm,
+                                 control_.plant().geometry, senses_.observer().unexplained_acceleration(),
+                                 may_brake() ? &control_.plant().dynamics : nullptr);
 }
 
 // What the host asks, and who may drive now.

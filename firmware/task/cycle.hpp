@@ -12,13 +12,13 @@
 #include <span>
 
 #include "drivers/motor_drive.hpp"
+#include "firmware/control/encoder_watch.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/supervisor/supervisor.hpp"
 #include "firmware/task/arming_guard.hpp"
 #include "firmware/task/bus_meter.hpp"
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/drive_limits.hpp"
-#include "firmware/task/encoder_watch.hpp"
 #include "firmware/task/host_link.hpp"
 #include "firmware/task/judge.hpp"
 #include "firmware/task/learning.hpp"
@@ -143,7 +143,7 @@ class Cycle {
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
     Senses senses_;
-    EncoderWatch encoder_watch_;
+    control::EncoderWatch encoder_watch_;
     DriveLimits drive_limits_;
     MotionControl control_;
     Learning learning_;

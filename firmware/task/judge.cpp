@@ -45,10 +45,8 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     };
     const auto& safety = parameters_.safety;
     const std::int64_t now_ns = evidence.seen.now_ns;
-    // Frames that no wheel can have made are no feedback.
-    const WheelPair<std::int64_t>& trusted_ns = evidence.seen.trusted_ns;
-    c.feedback_stale = stale(trusted_ns.left, now_ns, safety.stale_feedback_s) ||
-                       stale(trusted_ns.right, now_ns, safety.stale_feedback_s);
+    c.feedback_stale = stale(left.encoder_time_ns, now_ns, safety.stale_feedback_s) ||
+                       stale(right.encoder_time_ns, now_ns, safety.stale_feedback_s);
     if (c.feedback_stale) ++stale_feedback_cycles_;
     const std::uint32_t foreign = left.foreign_control + right.foreign_control + evidence.strangers;
     c.foreign_control = foreign != foreign_control_;

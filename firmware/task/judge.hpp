@@ -22,10 +22,12 @@ struct DriveSight {
     drivers::DriveState state{};
     drivers::DriveFault fault{};
     drivers::ArmRefusal refusal{};
+    std::int64_t encoder_time_ns = 0;
     std::uint32_t foreign_control = 0;  // counted so far
 
     static DriveSight of(const drivers::MotorDrive& drive) {
-        return {drive.state(), drive.fault(), drive.refusal(), drive.counters().foreign_control};
+        return {drive.state(), drive.fault(), drive.refusal(), drive.feedback().encoder_time_ns,
+                drive.counters().foreign_control};
     }
 };
 

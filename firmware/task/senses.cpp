@@ -28,7 +28,6 @@ Observed Senses::observe(const Told& told, const control::PlantModel<double>& pl
     seen.now_ns = told.now_ns;
     seen.elapsed_s = told.elapsed_s;
     seen.motion = observer_.motion();
-    seen.trusted_ns = observer_.trusted_ns();
     seen.pose = odometry_.pose();
     seen.last_torque_Nm = seen.sample.last_torque_Nm = told.sent_torque_Nm;
     seen.angles_known = observer_.angles_at(told.now_ns - sample_age_ns_, sampled_rad_) && told.in_a_row;

@@ -30,8 +30,6 @@ struct Observed {
     std::int64_t now_ns = 0;
     double elapsed_s = 0;
     model::Motion<double> motion;
-    // Receive times of the newest encoder samples that a wheel can have made.
-    WheelPair<std::int64_t> trusted_ns;
     Pose<double> pose;
     WheelPair<double> last_torque_Nm;
     // For the estimators: the wheels' angles some cycles ago, by the encoders alone.

@@ -25,7 +25,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 struct Scene {
     model::RobotParameters parameters = model::default_parameters();
     Observed seen;
-    DriveSight left{drivers::DriveState::armed, {}, {}, 0};
+    DriveSight left{drivers::DriveState::armed, {}, {}, 0, 0};
     DriveSight right = left;
     Conditions told;
     bool wants_armed = true;
@@ -36,7 +36,7 @@ struct Scene {
 
     Conditions judge() {
         seen.now_ns += kCycle_ns;
-        if (feedback_comes) seen.trusted_ns = {seen.now_ns, seen.now_ns};
+        if (feedback_comes) left.encoder_time_ns = right.encoder_time_ns = seen.now_ns;
         return judge_.judge(
             {seen, left, right, parameters.geometry.wheel_radius_m, wants_armed, braking, 0, told});
     }
@@ -82,11 +82,11 @@ TEST(CycleSteps, judge_names_what_is_wrong_with_a_drive_on_either_side) {
         bool Conditions::*what;
     };
     const Case cases[] = {
-        {{DriveState::fault, DriveFault::error, {}, 0}, &Conditions::drive_error},
-        {{DriveState::fault, DriveFault::left_armed, {}, 0}, &Conditions::drive_disarmed_itself},
-        {{DriveState::silent, DriveFault::silent, {}, 0}, &Conditions::drive_silent},
-        {{DriveState::idle, {}, ArmRefusal::timed_out, 0}, &Conditions::arming_refused},
-        {{DriveState::armed, {}, {}, 1}, &Conditions::foreign_control},
+        {{DriveState::fault, DriveFault::error, {}, 0, 0}, &Conditions::drive_error},
+        {{DriveState::fault, DriveFault::left_armed, {}, 0, 0}, &Conditions::drive_disarmed_itself},
+        {{DriveState::silent, DriveFault::silent, {}, 0, 0}, &Conditions::drive_silent},
+        {{DriveState::idle, {}, ArmRefusal::timed_out, 0, 0}, &Conditions::arming_refused},
+        {{DriveState::armed, {}, {}, 0, 1}, &Conditions::foreign_control},
     };
     for (const Case& one : cases) {
         for (DriveSight Scene::*side : {&Scene::left, &Scene::right}) {
@@ -117,12 +117,12 @@ TEST(CycleSteps, judge_calls_feedback_stale_after_its_limit_and_before_the_first
     Scene scene;
     scene.feedback_comes = false;
     CHECK(scene.judge().feedback_stale);  // never came
-    scene.seen.trusted_ns = {scene.seen.now_ns, scene.seen.now_ns};
+    scene.left.encoder_time_ns = scene.right.encoder_time_ns = scene.seen.now_ns;
     const int limit =
         static_cast<int>(std::lround(scene.parameters.safety.stale_feedback_s / kCyclePeriod_s));
     for (int i = 0; i < limit; ++i) CHECK_FALSE(scene.judge().feedback_stale);
     CHECK(scene.judge().feedback_stale);
-    scene.seen.trusted_ns.left = scene.seen.now_ns;  // one wheel is not enough
+    scene.left.encoder_time_ns = scene.seen.now_ns;  // one wheel is not enough
     CHECK(scene.judge().feedback_stale);
     LONGS_EQUAL(3, scene.judge_.stale_feedback_cycles());
 }
@@ -293,7 +293,7 @@ TEST(CycleSteps, judge_passes_on_why_a_drive_does_not_follow_or_arm) {
         scene.wants_armed = false;
         CHECK_FALSE(scene.judge().torque_not_followed);  // the drives shall not give any
         scene.wants_armed = true;
-        scene.*side = {drivers::DriveState::idle, {}, drivers::ArmRefusal::none, 0};
+        scene.*side = {drivers::DriveState::idle, {}, drivers::ArmRefusal::none, 0, 0};
         CHECK_FALSE(scene.judge().torque_not_followed);
         CHECK(scene.judge().watchdog_confirmed);
         CHECK(scene.judge().control_mode_confirmed);

@@ -1,8 +1,5 @@
 #include "tools/torture/healthy.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 #include "firmware/control/limits.hpp"
 #include "firmware/control/trajectory.hpp"
 #include "tools/sim/experiments.hpp"
@@ -15,34 +12,10 @@ using protocol::Mode;
 
 constexpr std::uint64_t kHealthyStream = 0x72;
 
-// Of what both motors can push with.
-constexpr double kMostSlope = 0.3;
-constexpr double kMostPush = 0.6;
-constexpr double kPayload = 0.3;  // of the robot's mass
-
-// What no robot file knows: a slope, for half of them tyres that slip.
-SceneSetup on(Ground ground, SceneSetup setup) {
-    if (ground == Ground::level) return setup;
-    sim::Random random(setup.seed, kHealthyStream + 1);
-    const auto activate = [&](const char* name, double first, double second) {
-        const std::size_t i = model::find_effect(name);
-        setup.truth.effects.active[i] = true;
-        setup.truth.effects.parameter[i][0] = first;
-        setup.truth.effects.parameter[i][1] = second;
-    };
-    const double pull_m_per_s2 = kMostSlope * random.uniform() * 2 * setup.believed.limits.torque_Nm *
-                                 setup.believed.dynamics.k7_per_kg_m;
-    activate("slope", std::asin(std::min(pull_m_per_s2 / model::kGravity_m_per_s2, 0.3)),
-             6.28 * random.uniform() - 3.14);
-    if (random.bits() % 2 != 0)
-        activate("wheel_slip", 0.2 + 0.8 * random.uniform(), 0.02 + 0.1 * random.uniform());
-    return setup;
-}
-
 class Driver {
   public:
-    Driver(const SceneSetup& setup, HealthyResult& result, Ground ground)
-        : scene_(on(ground, setup)), result_(result), random_(setup.seed, kHealthyStream), ground_(ground) {}
+    Driver(const SceneSetup& setup, HealthyResult& result)
+        : scene_(setup), result_(result), random_(setup.seed, kHealthyStream) {}
 
     void drive(double duration_s) {
         Simulation& sim = scene_.sim();
@@ -104,41 +77,8 @@ class Driver {
     // Runs on in a mode, which must not be left.
     void stay(Mode mode, double duration_s) {
         const auto& supervisor = scene_.sim().cycle().supervisor();
-        if (run_until([&] { return supervisor.mode() == Mode::fault; }, duration_s))
+        if (scene_.sim().run_until([&] { return supervisor.mode() == Mode::fault; }, duration_s))
             note(mode, std::string(protocol::to_string_view(supervisor.fault())));
-    }
-
-    // Now and then somebody pushes, for a moment.
-    template <typename Condition>
-    bool run_until(Condition condition, double duration_s) {
-        if (ground_ == Ground::level) return scene_.sim().run_until(condition, duration_s);
-        sim::Plant& plant = scene_.sim().world().plant();
-        const double end_s = scene_.sim().time_s() + duration_s;
-        while (scene_.sim().time_s() < end_s) {
-            const auto rest_s = [&] { return end_s - scene_.sim().time_s(); };
-            if (scene_.sim().run_until(condition, std::min(uniform(0.3, 4), rest_s()))) return true;
-            const auto& p = scene_.setup().believed;
-            const double most_N = kMostPush * 2 * p.limits.torque_Nm / p.geometry.mean_radius_m();
-            const double force_N = uniform(-1, 1) * most_N;
-            plant.set_disturbance({force_N, uniform(-0.5, 0.5) * most_N * p.geometry.track_m / 2});
-            const bool over = scene_.sim().run_until(condition, std::min(uniform(0.01, 1), rest_s()));
-            plant.set_disturbance({});
-            if (over) return true;
-        }
-        return condition();
-    }
-
-    // Every other drive is with a box on the robot.
-    void load() {
-        if (ground_ == Ground::level) return;
-        sim::Plant& plant = scene_.sim().world().plant();
-        if (box_.mass_kg == 0) {
-            const sim::PlantParameters& body = plant.parameters();
-            box_ = {kPayload * body.mass_kg, kPayload * body.inertia_kg_m2, 0, 0};
-        }
-        plant.add_payload(box_);
-        box_.mass_kg = -box_.mass_kg;
-        box_.inertia_kg_m2 = -box_.inertia_kg_m2;
     }
 
     void rest() {
@@ -163,7 +103,6 @@ class Driver {
         sim.run_for(0.1);
         sim.host().external_pose({});
         sim.run_for(0.3);
-        load();
     }
 
     void velocities() {
@@ -212,8 +151,8 @@ class Driver {
     void identification() {
         if (!enter(Mode::ident)) return;
         const auto& supervisor = scene_.sim().cycle().supervisor();
-        run_until([&] { return supervisor.mode() != Mode::ident; },
-                  scene_.setup().believed.ident.duration_s + 2);
+        scene_.sim().run_until([&] { return supervisor.mode() != Mode::ident; },
+                               scene_.setup().believed.ident.duration_s + 2);
         if (supervisor.mode() == Mode::fault)
             note(Mode::ident, std::string(protocol::to_string_view(supervisor.fault())));
         scene_.sim().run_for(0.5);
@@ -222,18 +161,16 @@ class Driver {
     Scene scene_;
     HealthyResult& result_;
     sim::Random random_;
-    Ground ground_;
-    sim::Payload box_;
 };
 
 }  // namespace
 
-HealthyResult drive_healthy(std::uint64_t seed, double duration_s, Ground ground) {
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s) {
     HealthyResult result;
     result.seed = seed;
     const SceneSetup setup = scene_setup(seed, TorturedRobots::drawn);
     result.robot = setup.text();
-    Driver(setup, result, ground).drive(duration_s);
+    Driver(setup, result).drive(duration_s);
     return result;
 }
 

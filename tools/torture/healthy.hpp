@@ -18,10 +18,8 @@ struct HealthyResult {
 };
 
 // One robot, identified well, for a time: idle, velocities, goals, paths, adaptation and identification in
-// turn, with the noise of its file and a loss of one frame in a thousand. On rough ground: on a slope, half
-// of the robots on tyres that slip, a payload on every other drive, and somebody who pushes.
-enum class Ground : std::uint8_t { level, rough };
-HealthyResult drive_healthy(std::uint64_t seed, double duration_s, Ground ground = Ground::level);
+// turn, with the noise of its file and a loss of one frame in a thousand.
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s);
 
 inline constexpr std::size_t kHealthyRobots = 20;
 inline constexpr double kHealthyLoss = 0.001;  // of the frames

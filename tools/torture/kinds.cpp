@@ -182,22 +182,6 @@ void parameter(Scene& s, protocol::ParameterOperation operation, std::uint16_t i
     s.second_host(request);
 }
 
-// A wheel has turned by more than a step of its encoder and its noise, since the lie began.
-void look_for_a_lie(Scene& s, bool either_side) {
-    const auto& simulation = s.setup().simulation;
-    const auto& angle = s.sim().world().plant().wheel_angle_rad();
-    const double gear = s.setup().truth.drive.left.gear_ratio;
-    const double step_rad = simulation.encoder_counts_per_turn > 0
-                                ? 6.283185307179586 / simulation.encoder_counts_per_turn / gear
-                                : 0;
-    const double most_rad = step_rad + 4 * simulation.encoder_noise_rad;
-    const bool left = std::abs(angle.left - s.begun_rad().left) > most_rad;
-    const bool right = std::abs(angle.right - s.begun_rad().right) > most_rad;
-    if (either_side ? left || right : (s.setup().side == 0 ? left : right)) s.tell();
-}
-void look_for_its_lie(Scene& s) { look_for_a_lie(s, false); }
-void look_for_their_lie(Scene& s) { look_for_a_lie(s, true); }
-
 // ---- the table
 constexpr std::string_view kSilenceNames = "stale_feedback,drive_silent,drive_left_armed_state,bus_down";
 // A drive that has left closed loop reports no torque, before its heartbeat says why.
@@ -442,16 +426,16 @@ constexpr std::array kKinds{
                     s.drive().reverse_encoder();
                     s.reversed = true;
                 },
-                look_for_its_lie, implausible, "100 ms", From::shown},
+                nullptr, implausible, "100 ms"},
     TortureKind{"lie_frozen", "an encoder stands still", Expect::stops, "encoder_implausible",
-                [](Scene& s) { s.drive().faults().frozen_encoder = true; }, look_for_its_lie,
-                implausible, "100 ms", From::shown, 1.5},
+                [](Scene& s) { s.drive().faults().frozen_encoder = true; }, nullptr, implausible, "100 ms",
+                From::harm, 1.5},
     TortureKind{"lie_both_frozen", "both encoders stand still", Expect::stops, "encoder_implausible",
                 [](Scene& s) {
                     s.sim().world().left().faults().frozen_encoder = true;
                     s.sim().world().right().faults().frozen_encoder = true;
                 },
-                look_for_their_lie, implausible, "100 ms", From::shown, 1.5},
+                nullptr, implausible, "100 ms", From::harm, 1.5},
     TortureKind{"lie_frame_repeated", "the last encoder frame comes again and again, fresh", Expect::stops,
                 "encoder_implausible",
                 [](Scene& s) {
@@ -461,7 +445,7 @@ constexpr std::array kKinds{
                         return Deal::pass;
                     });
                 },
-                look_for_its_lie, implausible, "100 ms", From::shown, 1.5},
+                nullptr, implausible, "100 ms", From::harm, 1.5},
     TortureKind{"lie_half_speed", "an encoder counts half of the way", Expect::either, kLieNames,
                 [](Scene& s) {
                     hears(s, kEncoder, [](Scene& scene, hal::ReceivedFrame& r) {

@@ -18,10 +18,8 @@ enum class Expect : std::uint8_t {
 };
 
 enum class From : std::uint8_t {
-    harm,   // the bound counts from the injection
-    told,   // from the moment at which the firmware is told, or at which it could have known
-    shown,  // from that at which an encoder that lies first tells what one that lives could not have told;
-            // where it never does, as the wheel stands, there is nothing to be seen
+    harm,  // the bound counts from the injection
+    told,  // from the moment at which the firmware is told, or at which it could have known
 };
 
 struct TortureKind {

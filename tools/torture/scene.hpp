@@ -88,12 +88,8 @@ class Scene {
     }
     // The firmware is told by the first frame of the tortured side's drive after its return.
     bool told_by_return = false, has_returned = false;
-    void begin_harm() {
-        harm_ns_ = sim_.now_ns();
-        begun_rad_ = sim_.world().plant().wheel_angle_rad();
-    }
-    const WheelPair<double>& begun_rad() const { return begun_rad_; }  // the wheels' true angles then
-    double since_s() const { return since_s(sim_.now_ns()); }          // since the injection
+    void begin_harm() { harm_ns_ = sim_.now_ns(); }
+    double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
     double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }
     // Everything as before the injection, but for what the robot has gone through.
     void restore();
@@ -110,7 +106,6 @@ class Scene {
     sim::Random random_;
     Simulation sim_;
     std::int64_t harm_ns_ = 0;
-    WheelPair<double> begun_rad_;
     std::optional<double> told_s_;
     std::uint8_t alive_ = 7;
 };

@@ -34,7 +34,6 @@ struct Options {
     std::uint64_t hostile = 0;
     std::uint64_t kill_saves = 0;
     double healthy_hours = 0;
-    bool rough = false;
     std::size_t jobs = 0;
     std::string kind;
     std::string robots = "both";
@@ -217,8 +216,7 @@ int run_healthy(const Options& options) {
             kHealthyRobots, options.jobs, [] { return interrupted(); },
             [&](std::size_t i) {
                 results[i] =
-                    drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots,
-                                  options.rough ? Ground::rough : Ground::level);
+                    drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots);
                 count(i);
             });
     }
@@ -371,8 +369,6 @@ void add_torture(const CommandLine& program, Run& run) {
         .add_option("--healthy-hours", options->healthy_hours,
                     "Instead: so many hours of normal driving on twenty drawn robots")
         .check(from_to("0.01", "100000"));
-    command.add_flag("--rough", options->rough,
-                     "The same on slopes, with pushes, payloads, and tyres that slip");
     command
         .add_option("--kill-saves", options->kill_saves,
                     "Instead: so many processes killed while they save a robot file")

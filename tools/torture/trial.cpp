@@ -221,7 +221,6 @@ void recover(Scene& scene, Judge& judge) {
     const double longest_s = 2 * control::braking_time_s(scene.setup().believed) + 1;
     for (int i = 0; i < 30 && !idle(); ++i) {
         if (supervisor.mode() == Mode::fault) {
-            sim.world().plant().place(sim.world().pose(), {});  // it may have driven on, and coast
             sim.host().clear_fault();
         } else {
             sim.host().mode(Mode::idle);
@@ -312,7 +311,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     result.stopped = !judge.faults().empty();
     result.quicker_m_per_s = judge.rim() - untouched.fastest_rim_m_per_s;
     if (kind.bound_s != nullptr) result.bound_s = kind.bound_s(scene);
-    const double from_s = kind.from == From::harm ? 0 : scene.told_s().value_or(0);
+    const double from_s = kind.from == From::told ? scene.told_s().value_or(0) : 0;
     const double latency_s = untouched.setup.simulation.command_latency_s;
     if (result.stopped) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
 
@@ -325,8 +324,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
                 kind.expect == Expect::serves || kind.expect == Expect::rests ? "false trip" : "name",
                 std::string(name));
     }
-    const bool hidden = kind.from == From::shown && !scene.told_s();
-    if (kind.expect == Expect::stops && !hidden) {
+    if (kind.expect == Expect::stops) {
         if (!result.stopped)
             judge.violate("goes on", "no fault, " + std::string(protocol::to_string_view(supervisor.mode())));
         const double bound_s = result.bound_s + latency_s;
