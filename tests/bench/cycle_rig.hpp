@@ -43,8 +43,8 @@ struct RigOptions {
     bool separate_host_bus = false;
     bool digital_lines = false;  // the emergency-stop input and the drive-enable output
     task::ArmingKey arming_key = {};
-    bool black_box = false;      // records into CycleRig::box(), which nobody writes
-    FrontBus* front = nullptr;   // for the drives' bus; null: none. Outlives the rig.
+    bool black_box = false;     // records into CycleRig::box(), which nobody writes
+    FrontBus* front = nullptr;  // for the drives' bus; null: none. Outlives the rig.
 };
 
 class CycleRig {

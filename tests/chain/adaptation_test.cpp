@@ -138,12 +138,17 @@ TEST(ChainAdaptation, a_constant_circle_freezes_what_it_does_not_excite_but_for_
     const bool frozen = sim.cycle().learning().adaptation_frozen();
     sim.run_for(chain::seeds(120, 600));
     const auto after = sim.cycle().learning().estimate();
-    std::printf("circle: K7 %+.3f %%, K8 %+.3f %%, frozen %d\n",
-                100 * (after.dynamics.k7_per_kg_m / before.dynamics.k7_per_kg_m - 1),
-                100 * (after.dynamics.k8_per_kg_m2 / before.dynamics.k8_per_kg_m2 - 1), int(frozen));
+    const double k7 = after.dynamics.k7_per_kg_m / before.dynamics.k7_per_kg_m - 1;
+    const double k8 = after.dynamics.k8_per_kg_m2 / before.dynamics.k8_per_kg_m2 - 1;
+    const double error7 = after.standard_error.k7_per_kg_m / after.dynamics.k7_per_kg_m;
+    const double error8 = after.standard_error.k8_per_kg_m2 / after.dynamics.k8_per_kg_m2;
+    std::printf("circle: K7 %+.3f +- %.3f %%, K8 %+.3f +- %.3f %%, frozen %d\n", 100 * k7, 100 * error7,
+                100 * k8, 100 * error8, int(frozen));
     CHECK(frozen);
-    CHECK(std::abs(after.dynamics.k7_per_kg_m / before.dynamics.k7_per_kg_m - 1) < 0.01);
-    CHECK(std::abs(after.dynamics.k8_per_kg_m2 / before.dynamics.k8_per_kg_m2 - 1) < 0.01);
+    // No more than they say themselves, nor than half of the 5 % with which ChainVelocity settles.
+    constexpr double kHalf = 0.025;
+    CHECK(std::abs(k7) < std::min(error7, kHalf));
+    CHECK(std::abs(k8) < std::min(error8, kHalf));
     CHECK(sim.cycle().report().status.limit_adaptation_frozen);
 }
 

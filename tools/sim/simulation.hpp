@@ -101,12 +101,12 @@ struct SimulationOptions {
     bool emergency_stop_line = false;
     bool drive_enable_line = false;
     task::ArmingKey arming_key = {};  // none: whoever asks may arm
-    bool faulty_buses = false;      // virtual time; for Simulation::faulty_bus()
-    std::string can_interface;      // "": virtual time; otherwise real time on this SocketCAN interface
-    std::int64_t rest_ns = 50'000;  // in real time: the robot looks at the bus no more often than that
-    std::string black_box;          // "": none; otherwise the directory for a file after each fault
-    std::string robot_file;         // the controller's text, for the black box
-    std::string log_path;           // virtual time; "": no log; otherwise candump -L (a second bus as can1)
+    bool faulty_buses = false;        // virtual time; for Simulation::faulty_bus()
+    std::string can_interface;        // "": virtual time; otherwise real time on this SocketCAN interface
+    std::int64_t rest_ns = 50'000;    // in real time: the robot looks at the bus no more often than that
+    std::string black_box;            // "": none; otherwise the directory for a file after each fault
+    std::string robot_file;           // the controller's text, for the black box
+    std::string log_path;             // virtual time; "": no log; otherwise candump -L (a second bus as can1)
 };
 
 class Simulation {
