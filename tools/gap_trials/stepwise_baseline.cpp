@@ -8,7 +8,7 @@
 #include <optional>
 #include <vector>
 
-#include "tools/gap/gap_fit.hpp"
+#include "tools/gap/model/fit.hpp"
 #include "tools/logs/read_measured.hpp"
 
 namespace wheelwright::tools {

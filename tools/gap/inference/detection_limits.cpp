@@ -6,8 +6,8 @@
 #include <limits>
 #include <optional>
 
-#include "tools/gap/gap_columns.hpp"
-#include "tools/gap/gap_directions.hpp"
+#include "tools/gap/model/columns.hpp"
+#include "tools/gap/model/directions.hpp"
 
 namespace wheelwright::gap {
 namespace {

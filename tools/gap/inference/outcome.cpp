@@ -5,7 +5,7 @@
 #include <cmath>
 #include <limits>
 
-#include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/inference/statistics.hpp"
 
 namespace wheelwright::gap {
 namespace {

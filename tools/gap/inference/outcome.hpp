@@ -6,8 +6,8 @@
 #include <map>
 #include <vector>
 
-#include "tools/gap/gap_evidence.hpp"
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/evidence.hpp"
+#include "tools/gap/inference/search.hpp"
 
 namespace wheelwright::gap {
 

@@ -9,7 +9,8 @@
 #include <string_view>
 #include <vector>
 
-#include "tools/gap/gap_places.hpp"
+#include "tools/gap/inference/structures.hpp"
+#include "tools/gap/model/places.hpp"
 #include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {

@@ -1,10 +1,10 @@
-// What a search leaves: whether the rest depends on a place of gap_places.hpp, and what that changes of the
+// What a search leaves: whether the rest depends on a place of places.hpp, and what that changes of the
 // verdict.
 #pragma once
 
 #include <span>
 
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/search.hpp"
 #include "tools/gap/inference/sensor_evidence.hpp"
 #include "tools/gap/model/rows.hpp"
 

@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/search.hpp"
 #include "tools/gap/logs/sensors.hpp"
 #include "tools/logs/measured_log.hpp"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "sim_hal/plant.hpp"
-#include "tools/gap/gap_thresholds.hpp"
+#include "tools/gap/inference/policy.hpp"
 
 namespace wheelwright::gap {
 namespace {

@@ -5,7 +5,7 @@
 
 #include "firmware/model/effects.hpp"
 #include "tools/excite/motions.hpp"
-#include "tools/gap/gap_fit.hpp"
+#include "tools/gap/model/fit.hpp"
 
 namespace wheelwright::gap {
 

@@ -7,7 +7,7 @@
 
 #include "tools/cli/report.hpp"
 #include "tools/excite/motions.hpp"
-#include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::gap {

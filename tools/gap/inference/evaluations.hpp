@@ -1,0 +1,97 @@
+// Looks at the same logs, one after the other: each is a search, with columns made where the one before found
+// something. Which looks there are, and when one is taken back; their order is the analysis'.
+#pragma once
+
+#include <cstddef>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "tools/gap/inference/search.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
+#include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/model/rows.hpp"
+
+namespace wheelwright::gap {
+
+// What is looked at, and what is known of it before.
+struct LookOptions {
+    model::Geometry<double> geometry;
+    model::EffectSet<double> base;  // that the given model has
+    Overview overview;
+    Parts parts;  // of logs that outlive the looks
+    Known known;
+};
+
+// A look: the dictionary, the blocks that were made with it and how they are weighed, and what was found.
+struct Look {
+    Search search;
+    Dictionary dictionary;
+    BlockSet train;
+    Colour colour;
+};
+
+// first_model() comes first, and nothing after it if it has a problem.
+class Looks {
+  public:
+    explicit Looks(LookOptions options);
+    Looks(const Looks&) = delete;
+    Looks& operator=(const Looks&) = delete;
+
+    // K5..K8 without anything that the given model does not have: columns are made with them. The text: why
+    // these logs cannot be searched.
+    std::optional<std::string> first_model();
+
+    // Begins again after first_model(), with an effect that is a rival at most.
+    void deny(std::size_t effect);
+
+    // At everything, over the same blocks and columns as the last time.
+    void look();
+    // Where much is missing, K5..K8 without it may be far off, and with them the columns of effects that act
+    // through them: what is there looks as if it were not.
+    void look_with_a_guess();
+    // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
+    // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
+    void look_closer(int broad);
+    // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
+    // Whether it is there still, once the others have found their places without it? False: it is, or there
+    // is none such.
+    bool look_without_the_least();
+
+    // The torques turn the robot: the turning equation is used.
+    bool turning() const { return turning_; }
+    // Pieces of the logs that the first model was fitted to.
+    std::size_t blocks() const { return blocks_; }
+    // What is known, by now.
+    const Known& known() const { return options_.known; }
+    // The last look that was kept.
+    const Look& last() const { return *look_; }
+    // Of the held-out part, with the columns of the last look; none without one. Made at each call.
+    BlockSet held_out() const;
+    // For another dictionary, with K5..K8 of the last look and as closely as it came to look.
+    Setting setting_found() const;
+    // For other blocks of the parts learned from; what is kept for them is the looks'.
+    const BlockOptions& block_options() const { return block_options_; }
+
+  private:
+    model::Dynamics<double> dynamics_found() const;
+    Setting setting_for(const model::Dynamics<double>& dynamics) const;
+    Look put_aside();
+    void make(const model::Dynamics<double>& dynamics, Points points, bool grids);
+    bool turned_with_an_effect(const Fit& without) const;
+    void look_closer_at_events();
+    bool near_enough() const;
+
+    LookOptions options_;
+    KeptColumns kept_;
+    BlockOptions block_options_;
+    bool driving_ = true, turning_ = false;
+    std::optional<double> k7_per_kg_m_;  // held, as nothing drives
+    std::size_t blocks_ = 0;
+    std::vector<std::size_t> only_;  // these are looked for, or, if none, all
+    int closer_looks_ = 0;
+    double event_spacing_s_ = 0;
+    std::optional<Look> look_, first_;  // first: as it was before anything was looked for
+};
+
+}  // namespace wheelwright::gap

@@ -1,0 +1,429 @@
+#include "tools/gap/inference/evidence.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "tools/gap/inference/statistics.hpp"
+#include "tools/gap/model/rows.hpp"
+
+namespace wheelwright::gap {
+namespace {
+
+// Left and right of one kind, which are equal unless shown unequal: not those
+// that may have either sign, but where nothing turns.
+bool is_pair(std::size_t effect) {
+    const auto& p = model::kEffects[effect].parameters;
+    return p.size() == 2 && p[0].name.starts_with("left") && p[1].name.starts_with("right");
+}
+
+void add(const Block& block, Block& sum) {
+    for (std::size_t e = 0; e < kEquations; ++e) {
+        sum.rows[e] += block.rows[e];
+        if (sum.product[e].size() == 0) {
+            sum.product[e] = block.product[e];
+        } else {
+            sum.product[e] += block.product[e];
+        }
+    }
+}
+
+}  // namespace
+
+Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions) {
+    const auto others = static_cast<std::ptrdiff_t>(shape.amounts.size());
+    shape.amounts.insert(shape.amounts.end(), frictions.begin(), frictions.end());
+    for (;;) {
+        const Fit f = fit(blocks, shape);
+        Eigen::Index least = 0;
+        const auto count = f.value.size() - kFirstAmount - others;
+        if (count == 0 || f.value.tail(count).minCoeff(&least) >= 0) return f;
+        shape.amounts.erase(shape.amounts.begin() + others + least);
+    }
+}
+
+Members with(Members members, const Way& way) {
+    members.push_back(way);
+    return members;
+}
+Members without(Members members, std::size_t i) {
+    members.erase(members.begin() + static_cast<std::ptrdiff_t>(i));
+    return members;
+}
+bool contains(const Members& members, std::size_t effect) {
+    return std::any_of(members.begin(), members.end(), [&](const Way& m) { return m.effect == effect; });
+}
+
+Eigen::Index first_amount_of(const Members& members, std::size_t member) {
+    std::size_t at = 1;
+    for (std::size_t i = 0; i < member; ++i) at += members[i].amounts.size();
+    return kFirstAmount + static_cast<Eigen::Index>(at);
+}
+
+Eigen::VectorXd amounts_in(const Members& members, std::size_t member, const Fit& f) {
+    return f.value.segment(first_amount_of(members, member),
+                           static_cast<Eigen::Index>(members[member].amounts.size()));
+}
+
+std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member, const Fit& f,
+                                             const Setting& setting, std::size_t blocks) {
+    const Eigen::VectorXd amounts = amounts_in(members, member, f);
+    const Eigen::Index at = first_amount_of(members, member);
+    return estimates_of(members[member], amounts, f.covariance.block(at, at, amounts.size(), amounts.size()),
+                        setting, blocks);
+}
+
+bool apart(const Fit& f, Eigen::Index at) {
+    return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(difference_variance(f, at));
+}
+
+double difference_variance(const Fit& f, Eigen::Index at) {
+    return std::max(0.0, f.covariance(at, at) + f.covariance(at + 1, at + 1) - 2 * f.covariance(at, at + 1));
+}
+
+bool surely_less(const std::vector<double>& first, const std::vector<double>& second) {
+    std::vector<double> gain(first.size());
+    for (std::size_t b = 0; b < first.size(); ++b) gain[b] = second[b] - first[b];
+    const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
+    const double of = std::accumulate(first.begin(), first.end(), 0.0);
+    return sum > kTrifle * of && surely_positive(gain, kSignificance);
+}
+
+double least_share(const Members& members, const Way& way) {
+    const bool usual = std::find(kFrictions.begin(), kFrictions.end(), way.effect) != kFrictions.end();
+    return members.size() > 1 && !usual ? kSizeOfInterest : kSizeOfInterestAlone;
+}
+
+std::size_t unknowns(const Way& way) {
+    return way.kind == Way::Kind::linear ? way.amounts.size() : model::kEffects[way.effect].parameters.size();
+}
+
+std::size_t unknowns(const Members& members) {
+    std::size_t sum = 0;
+    for (const Way& m : members) sum += unknowns(m);
+    return sum;
+}
+
+std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
+    return {way.kind != Way::Kind::linear, unknowns(way), way.effect};
+}
+
+void note_point(const Members& members, std::size_t member, const Fit& f, const Setting& setting,
+                Points& points) {
+    const Way& way = members[member];
+    if (way.kind == Way::Kind::linear) return;
+    auto p = parameters_of(way, amounts_in(members, member, f), setting).first;
+    const auto& info = model::kEffects[way.effect].parameters;
+    for (std::size_t j = 0; j < info.size(); ++j) p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
+    points[way.effect] = p;
+}
+
+Sample::Sample(Blocks of) : blocks(std::move(of)), rest(std::min(kFolds, blocks.size())) {
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+        add(*blocks[i], whole);
+        add(*blocks[i], rest[i % kFolds]);
+    }
+    for (Block& fold : rest) {
+        for (std::size_t e = 0; e < kEquations; ++e) {
+            fold.product[e] = whole.product[e] - fold.product[e];
+            fold.rows[e] = whole.rows[e] - fold.rows[e];
+        }
+    }
+}
+
+Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
+    : set_(train), options_(options), all_(pointers(train)) {
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (!options.base.active[i] && !options.given.contains(i)) continue;
+        const std::vector<Way> all = ways(i);
+        if (all.empty()) continue;
+        base_.push_back(all.back());  // a focus is the last
+        if (!options.given.contains(i)) continue;
+        base_.back().amounts.clear();
+        base_.back().free.clear();
+    }
+    base_fit_ = usual_fit_ = fit(all_, base_);
+    std::vector<Amount> amounts;
+    for (const std::size_t i : kFrictions) {
+        if (contains(base_, i) || excluded(i)) continue;
+        friction_.push_back(ways(i).front());
+        amounts.insert(amounts.end(), friction_.back().amounts.begin(), friction_.back().amounts.end());
+    }
+    usual_fit_ = fit_beside_friction(all_.blocks, shape_of(base_), amounts);
+    std::erase_if(friction_, [&](const Way& way) { return !excited(way); });
+    rows_ = row_count(all_.blocks, base_fit_.shape);
+    constexpr double kMostOfIt = 0.5;  // more than all others together
+    const auto shares = largest_fold_shares(all_.blocks, usual_fit_);
+    for (std::size_t e = 0; e < kEquations; ++e) one_tells_[e] = shares[e] > kMostOfIt;
+}
+
+std::vector<Way> Evidence::ways(std::size_t effect) const {
+    const auto [first, end] = options_.dictionary->linear_columns(effect);
+    if (first == end) {
+        const std::span<const Way> all = options_.dictionary->ways(effect);
+        return {all.begin(), all.end()};
+    }
+    std::vector<Way> made;
+    const bool pair = is_pair(effect);
+    if (pair && (model::kEffects[effect].parameters[0].minimum >= 0 || !options_.turning)) {
+        Way way;
+        way.effect = effect;
+        way.together = true;
+        way.amounts.push_back({{first, first + 1}});
+        way.coordinate = {0};
+        made.push_back(way);
+        if (!options_.turning) return made;
+    }
+    Way way;
+    way.effect = effect;
+    double most = 0;
+    for (int c = first; c < end; ++c) most = std::max(most, set_.wheel_power(c, c));
+    for (int c = first; c < end; ++c) {
+        if (set_.wheel_power(c, c) <= kUnexcited * most) continue;
+        way.amounts.push_back({{c}});
+        way.coordinate.push_back(static_cast<unsigned>(c - first));
+    }
+    if (way.amounts.empty()) {
+        way.amounts.push_back({{first}});
+        way.coordinate.push_back(0);
+    }
+    made.push_back(way);
+    return made;
+}
+
+ModelShape Evidence::shape_of(const Members& members) const {
+    ModelShape shape;
+    shape.turning = options_.turning;
+    shape.held_gain[kLinear] = options_.k7_per_kg_m;
+    shape.amounts.push_back({{Dictionary::kTiming}});
+    for (const Way& m : members) {
+        shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());
+        shape.fixed.insert(shape.fixed.end(), m.fixed.begin(), m.fixed.end());
+    }
+    return shape;
+}
+
+Fit Evidence::fit(const Sample& sample, const Members& members, Spread spread) const {
+    if (spread == Spread::left_out) return gap::fit({&sample.whole}, shape_of(members), spread);
+    return gap::fit(sample.blocks, shape_of(members), spread);
+}
+
+ModelShape Evidence::shape_for_part(const Members& members) const {
+    ModelShape shape = shape_of(members);
+    if (!one_tells_[kLinear] && !one_tells_[kTurning]) return shape;
+    Members usual = members;
+    for (const Way& way : friction_) {
+        if (!contains(members, way.effect)) usual.push_back(way);
+    }
+    const Fit all = fit(all_, usual, Spread::left_out);
+    for (std::size_t e = 0; e < kEquations; ++e) {
+        if (one_tells_[e]) shape.held_gain[e] = all.value(gain_of(e));
+    }
+    return shape;
+}
+
+Fit Evidence::fit_of_part(const Sample& part, const Members& members) const {
+    return gap::fit({&part.whole}, shape_for_part(members), Spread::left_out);
+}
+
+std::vector<double> Evidence::left_out(const Sample& sample, const Members& members) const {
+    std::vector<double> each(sample.size());
+    const ModelShape shape = shape_for_part(members);
+    for (std::size_t fold = 0; fold < sample.rest.size(); ++fold) {
+        const Fit rest = gap::fit({&sample.rest[fold]}, shape, Spread::left_out);
+        for (std::size_t i = fold; i < each.size(); i += kFolds) each[i] = squares(*sample.blocks[i], rest);
+    }
+    return each;
+}
+
+double Evidence::cross_validated(const Sample& sample, const Members& members) const {
+    const std::vector<double> each = left_out(sample, members);
+    return std::accumulate(each.begin(), each.end(), 0.0);
+}
+
+double Evidence::reach(const Sample& sample, const Members& members) const {
+    std::vector<int> extra{Dictionary::kTiming};
+    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
+        if (excluded(i)) continue;
+        for (auto [c, end] = options_.dictionary->linear_columns(i); c < end; ++c) extra.push_back(c);
+    }
+    for (auto [c, end] = options_.dictionary->rich_columns(); c < end; ++c) extra.push_back(c);
+    return reachable_squares(sample.blocks, shape_of(members), extra);
+}
+
+double Evidence::torque_share(double gap) const {
+    const double torque = torque_squares(all_.blocks, usual_fit_) / rows_;
+    return torque > 0 ? std::sqrt(std::max(0.0, gap) / torque) : 0.0;
+}
+
+bool Evidence::impossible(std::size_t effect) const {
+    return std::find(options_.excluded.begin(), options_.excluded.end(), effect) != options_.excluded.end();
+}
+
+bool Evidence::excluded(std::size_t effect) const {
+    const std::vector<std::size_t>& unnamed = options_.rivals_only;
+    return impossible(effect) || std::find(unnamed.begin(), unnamed.end(), effect) != unnamed.end();
+}
+
+bool Evidence::excited(const Way& way) const {
+    for (const Amount& amount : directions(way)) {
+        for (const int c : amount.columns) {
+            if (set_.wheel_power(c, c) > 0)
+                return likeness(all_.blocks, base_usually(), directions(way), {}) < 1;
+        }
+    }
+    return false;
+}
+
+// The base, with K5..K8 beside friction.
+Fit Evidence::base_usually() const {
+    Fit base = base_fit_;
+    base.value.head<kFirstAmount>() = usual_fit_.value.head<kFirstAmount>();
+    return base;
+}
+
+double Evidence::effect_torque_share(const Members& members, std::size_t member, const Fit& f) const {
+    constexpr double kClear = 2;  // of zero, standard errors
+    const Way& way = members[member];
+    const Eigen::Index count = static_cast<Eigen::Index>(way.amounts.size());
+    Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(set_.wheel_power.cols(), count);  // of each amount
+    for (Eigen::Index i = 0; i < count; ++i) {
+        for (const int c : way.amounts[std::size_t(i)].columns) columns(c, i) += 1;
+    }
+    Eigen::VectorXd fixed = Eigen::VectorXd::Zero(columns.rows());
+    for (const int c : way.fixed) fixed(c) += 1;
+    const auto power_of = [&](const Eigen::VectorXd& amount) {
+        const Eigen::VectorXd p = fixed + columns * amount;
+        return p.dot(set_.wheel_power * p);
+    };
+    Eigen::VectorXd amount = amounts_in(members, member, f);
+    double power = power_of(amount);
+    if (f.covariance.size() > 0) {
+        // An amount that the log does not show is large by its noise: less what that makes, or without it.
+        const Eigen::Index at = first_amount_of(members, member);
+        const Eigen::MatrixXd squares = columns.transpose() * set_.wheel_power * columns;
+        const double noise = squares.cwiseProduct(f.covariance.block(at, at, count, count)).sum();
+        for (Eigen::Index i = 0; i < count; ++i) {
+            if (std::abs(amount(i)) < kClear * f.error(at + i)) amount(i) = 0;
+        }
+        power = std::max(power - noise, std::min(power, power_of(amount)));
+    }
+    return std::sqrt(std::max(0.0, power)) / std::max(1e-12, set_.torque_rms_Nm);
+}
+
+bool Evidence::in_range(const Sample& sample, const Members& members, const Fit& f) const {
+    const Way& way = members.back();
+    const std::size_t member = members.size() - 1;
+    const auto& info = model::kEffects[way.effect].parameters;
+    const Eigen::VectorXd amount = amounts_in(members, member, f);
+    if (way.kind == Way::Kind::linear) {
+        if (!model::kLinearInParameters[way.effect]) return true;
+        const auto within = [&](const auto& slack) {
+            for (Eigen::Index i = 0; i < amount.size(); ++i) {
+                const auto& range = info[way.coordinate[std::size_t(i)]];
+                if (amount(i) < range.minimum - slack(i) || amount(i) > range.maximum + slack(i))
+                    return false;
+            }
+            return true;
+        };
+        if (within([](Eigen::Index) { return 0.0; })) return true;
+        const Fit known = f.covariance.size() > 0 ? f : fit(sample, members);
+        const Eigen::Index first = first_amount_of(members, member);
+        return within([&](Eigen::Index i) { return 3 * known.error(first + i); });
+    }
+    const auto [p, plausible] = parameters_of(way, amount, options_.dictionary->setting());
+    if (!plausible) return false;
+    for (std::size_t j = 0; j < info.size(); ++j) {
+        const double slack = 0.01 * (std::abs(way.at[j]) + 1e-6);
+        if (p[j] < info[j].minimum - slack || p[j] > info[j].maximum + slack) return false;
+    }
+    return true;
+}
+
+double Evidence::probability_of_last(const Sample& sample, const Members& members) const {
+    Members tested = members;
+    Way& last = tested.back();
+    last.amounts = directions(last);
+    last.fixed.clear();
+    const Fit f = gap::fit(sample.blocks, shape_for_part(tested), Spread::plain);
+    const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
+    const auto n = static_cast<Eigen::Index>(last.amounts.size());
+    const double degrees = std::max(1.0, double(sample.size()) - 4 - double(n));
+    return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
+}
+
+std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members& members,
+                                              const Sample& sample) const {
+    std::optional<BestPoint> best;
+    double least = std::numeric_limits<double>::infinity();
+    const auto attempt = [&](const Way& way) {
+        const Members more = with(members, way);
+        const Fit f = fit(sample, more, Spread::left_out);
+        // a closer look is preferred, for it goes on from where it is
+        const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
+        if (left >= least) return true;
+        if (!in_range(sample, more, f)) return false;
+        least = left;
+        best = {way, f.squares};
+        return true;
+    };
+    for (const Way& way : ways(effect)) {
+        if (attempt(way)) continue;
+        if (const std::optional<Way> open = left_open(way)) attempt(*open);
+    }
+    return best;
+}
+
+Compared Evidence::compared(const Members& one, const Members& other) const {
+    return compared({left_out(all_, one), left_out(all_, other)}, one, other);
+}
+
+Compared Evidence::compared(const Compared& all, const Members& one, const Members& other) const {
+    const Fit a = fit(all_, one, Spread::left_out);
+    const Fit b = fit(all_, other, Spread::left_out);
+    std::vector<double> apart(all_.size());
+    for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_.blocks[i], a, b);
+    std::vector<std::size_t> order(apart.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return apart[i] > apart[j]; });
+    Compared parting;
+    for (const std::size_t i : order) {
+        if (parting.one.size() >= kFewestParting && apart[i] < kActs * apart[order.front()]) break;
+        parting.one.push_back(all.one[i]);
+        parting.other.push_back(all.other[i]);
+    }
+    return parting;
+}
+
+bool Evidence::told_apart(const Members& one, const Members& other) const {
+    const Fit a = fit(all_, one, Spread::left_out);
+    const Fit b = fit(all_, other, Spread::left_out);
+    std::vector<double> gain(all_.size());
+    std::vector<double> apart(all_.size());
+    for (std::size_t i = 0; i < all_.size(); ++i) {
+        const Block& block = *all_.blocks[i];
+        gain[i] = squares(block, b) - squares(block, a);
+        apart[i] = squares_apart(block, a, b);
+    }
+    return surely_as_foretold(gain, apart, squares(all_.blocks, a) / rows_, kToldApart);
+}
+
+bool Evidence::better(const Members& one, const Members& other) const {
+    const auto [first, second] = compared(one, other);
+    return surely_less(first, second) || told_apart(one, other);
+}
+
+std::vector<Members> Evidence::others_for(const Members& fewer) const {
+    std::vector<Members> all{fewer};
+    Members apart = fewer;
+    for (Way& m : apart) {
+        if (m.together && options_.turning) m = ways(m.effect).back();
+    }
+    if (unknowns(apart) > unknowns(fewer)) all.push_back(apart);
+    return all;
+}
+
+}  // namespace wheelwright::gap
