@@ -10,8 +10,7 @@
 
 namespace wheelwright::gap {
 
-// Periods in a turn of the wheel that a ripple is looked for with, from one on.
-inline constexpr int kMostOrder = 14;
+using model::Parameters;
 
 // One sample's interval of a log.
 struct Interval {
@@ -61,11 +60,21 @@ class Contribution {
     // before.
     virtual bool slow() const { return false; }
 };
-// What the effect does along a log, and its columns if it is linear, depend on the setting's K5..K8, and not
-// on the log and the geometry alone.
-bool by_dynamics(std::size_t effect);
 
-std::unique_ptr<Contribution> contribution(std::size_t effect, const model::Parameters<double>& parameters,
-                                           const Setting& setting);
+inline WheelPair<double> pair_of(double sum, double difference) {
+    return {(sum - difference) / 2, (sum + difference) / 2};
+}
+
+// The pair of wheel torques that changes forward speed and yaw rate by so much over an interval.
+inline WheelPair<double> pair_for(const Setting& s, double forward_m_per_s, double turning_rad_per_s,
+                                  double dt_s) {
+    return pair_of(forward_m_per_s / (s.dynamics.k7_per_kg_m * dt_s),
+                   turning_rad_per_s / (s.dynamics.k8_per_kg_m2 * dt_s));
+}
+
+inline Twist<double> change(const Setting& s, const Interval& i) {
+    return model::twist_from_wheel_speeds(
+        s.geometry, WheelPair<double>{i.after.left - i.before.left, i.after.right - i.before.right});
+}
 
 }  // namespace wheelwright::gap

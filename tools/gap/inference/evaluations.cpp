@@ -6,7 +6,7 @@
 #include <span>
 #include <utility>
 
-#include "tools/gap/hypotheses/starting_points.hpp"
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/robots.hpp"
 
@@ -65,7 +65,8 @@ bool is_worse(const Search& later, const Search& earlier) {
 // Standard error of the time of an event that was found; 0: none was.
 double event_error_s(const Search& search) {
     for (const NamedEffect& e : search.effects) {
-        if (e.effect == model::find_effect("payload_step")) return e.unmoved[0];
+        const std::size_t event = hypothesis_of(e.effect).event;
+        if (event != model::kMaxEffectParameters) return e.unmoved[event];
     }
     return 0;
 }
@@ -106,7 +107,7 @@ std::optional<std::string> Looks::first_model() {
                std::to_string(kFewestBlocks) + "; drive for 20 s";
     }
     std::vector<Amount> frictions;
-    for (const std::size_t friction : kFrictions) {
+    for (const std::size_t friction : usual_friction()) {
         const int first = look_->dictionary.linear_columns(friction).first;
         frictions.push_back({{first, first + 1}});
     }

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <utility>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/model/rows.hpp"
 
@@ -93,7 +94,7 @@ bool surely_less(const std::vector<double>& first, const std::vector<double>& se
 }
 
 double least_share(const Members& members, const Way& way) {
-    const bool usual = std::find(kFrictions.begin(), kFrictions.end(), way.effect) != kFrictions.end();
+    const bool usual = hypothesis_of(way.effect).in_every_drive_train;
     return members.size() > 1 && !usual ? kSizeOfInterest : kSizeOfInterestAlone;
 }
 
@@ -147,7 +148,7 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
     }
     base_fit_ = usual_fit_ = fit(all_, base_);
     std::vector<Amount> amounts;
-    for (const std::size_t i : kFrictions) {
+    for (const std::size_t i : usual_friction()) {
         if (contains(base_, i) || excluded(i)) continue;
         friction_.push_back(ways(i).front());
         amounts.insert(amounts.end(), friction_.back().amounts.begin(), friction_.back().amounts.end());

@@ -15,11 +15,6 @@
 
 namespace wheelwright::gap {
 
-// What every drive train may have, beside which K7 and K8 are fitted: on a ramp of torque, speed alone would
-// stand for both.
-inline constexpr std::array kFrictions{model::find_effect("viscous_friction"),
-                                       model::find_effect("coulomb_friction")};
-
 // A fit with these in it as far as they come out as friction; one that drives is none.
 Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions);
 

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/model/products.hpp"
@@ -17,14 +18,6 @@ namespace {
 // The noise's power as if it grew with the frequency by so many powers more than its colour says. From white
 // noise of the speeds to white noise of the accelerations it is two: a colour between them may be off by one.
 constexpr double kPowersOff = 1;
-
-// What comes late by another law than a lag's or a delay's has another size at each frequency, and is late.
-constexpr std::array kLate{model::find_effect("actuator_lag"), model::find_effect("transport_delay"),
-                           model::find_effect("measurement_lag")};
-
-bool is_among(std::span<const std::size_t> effects, std::size_t effect) {
-    return std::find(effects.begin(), effects.end(), effect) != effects.end();
-}
 
 // A model with the blocks that it is fitted to: these have its columns only.
 struct Posed {
@@ -119,8 +112,8 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         const auto first = at;
         const auto had = static_cast<std::ptrdiff_t>(way.amounts.size());
         at += had;
-        if (i < found.base_members || is_among(kFrictions, way.effect) || is_among(kLate, way.effect))
-            continue;
+        const Hypothesis& hypothesis = hypothesis_of(way.effect);
+        if (i < found.base_members || hypothesis.in_every_drive_train || hypothesis.late) continue;
         // one at a point is taken as a whole for it
         const std::vector<Amount> whole = directions(way);
         ModelShape shape = found.after.shape;

@@ -5,18 +5,11 @@
 #include <cmath>
 #include <limits>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/statistics.hpp"
 
 namespace wheelwright::gap {
 namespace {
-
-bool is_special_case(std::size_t special, std::size_t general) {
-    constexpr std::array<std::pair<std::string_view, std::string_view>, 2> kCases{
-        {{"coulomb_friction", "stribeck_friction"}, {"torque_saturation", "back_emf_limit"}}};
-    return std::any_of(kCases.begin(), kCases.end(), [&](const auto& c) {
-        return model::kEffects[special].name == c.first && model::kEffects[general].name == c.second;
-    });
-}
 
 class Outcome {
   public:
@@ -57,10 +50,7 @@ class Outcome {
   private:
     // The other friction, which this log leaves open: how much of the drag is dry it does not tell.
     void add_friction_beside(const Way& mine, NamedEffect& named) const {
-        const auto is_usual = [](std::size_t effect) {
-            return std::find(kFrictions.begin(), kFrictions.end(), effect) != kFrictions.end();
-        };
-        if (!is_usual(mine.effect)) return;
+        if (!hypothesis_of(mine.effect).in_every_drive_train) return;
         for (const Way& way : result_.friction) {
             if (contains(members_, way.effect)) continue;
             const Members more = with(members_, way);
@@ -146,8 +136,9 @@ class Outcome {
             rival.effect = r;
             rival.keeps = gain > 0 ? 1 - (squares(all_.blocks, instead) - with_all) / gain : 0.0;
             // a general effect that does no better than its special case is that
-            rival.alike = likeness(all_.blocks, bare, directions(mine), directions(its)) > kAlike ||
-                          (is_special_case(mine.effect, r) && std::abs(rival.keeps - 1) < kTied / 5);
+            rival.alike =
+                likeness(all_.blocks, bare, directions(mine), directions(its)) > kAlike ||
+                (hypothesis_of(mine.effect).special_case_of == r && std::abs(rival.keeps - 1) < kTied / 5);
             const std::vector<Way> all = evidence_.ways(r);
             rival.coarse = evidence_.dictionary().can_focus(r) &&
                            std::all_of(all.begin(), all.end(),

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <optional>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/model/output_error.hpp"
 
@@ -114,8 +115,7 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     };
     std::optional<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
-        if (std::find(kFrictions.begin(), kFrictions.end(), search.members[i].effect) != kFrictions.end())
-            continue;
+        if (hypothesis_of(search.members[i].effect).in_every_drive_train) continue;
         // held against a drive train with its usual friction, where it has taken the place of that
         Members fewer = without(search.members, i);
         for (const Way& way : search.friction) {

@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <limits>
 
-#include "tools/gap/hypotheses/tyre_slip.hpp"
+#include "tools/gap/hypotheses/wheel_slip.hpp"
 #include "tools/gap/inference/estimates.hpp"
 #include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/model/columns.hpp"
@@ -127,18 +127,6 @@ std::optional<RollingSlip> slip_by_gyro(const std::vector<MeasuredLog>& logs,
     if (!(best.value > kSure * best.error) || share < kLeastShare) return std::nullopt;
     return best;
 }
-
-namespace {
-
-// Slip speed of the effect, with a coefficient of 1, for a rolling slip of 1.
-double slip_speed_per(const Setting& s) {
-    const model::Parameters<double> unit{1, 1};
-    const auto settled = model::WheelSlip::forward(unit, s.geometry, s.dynamics);
-    return s.geometry.mean_radius_m() * s.peak_speed_rad_per_s / 2 /
-           (settled.bodys_share * settled.slip_per_force);
-}
-
-}  // namespace
 
 bool may_slip(const Search& search, const Known& known) {
     return std::find(known.excluded.begin(), known.excluded.end(), kSlip) == known.excluded.end() &&

@@ -4,7 +4,7 @@
 #include <array>
 #include <cmath>
 
-#include "tools/gap/hypotheses/starting_points.hpp"
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/model/places.hpp"
 
 namespace wheelwright::gap {
@@ -164,13 +164,13 @@ std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::V
             return {p, true};
         }
         case Way::Kind::grid: {
-            const Grid grid = grid_of(way.effect, setting);
-            return {grid.parameters(way.at, amounts), grid.plausible(amounts)};
+            const StartingPoints start = hypothesis_of(way.effect).starting_points(setting);
+            return {start.parameters(way.at, amounts), start.plausible(amounts)};
         }
         case Way::Kind::focus:
             p = way.at;
             for (std::size_t i = 0; i < way.free.size(); ++i) p[way.free[i]] += amounts(Eigen::Index(i));
-            return {p, grid_of(way.effect, setting).itself(p)};
+            return {p, hypothesis_of(way.effect).starting_points(setting).itself(p)};
     }
     return {p, true};
 }
@@ -187,16 +187,16 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, 
         const auto first = static_cast<int>(columns_.size());
         for (unsigned k = 0; k < model::kCoordinates<Effect>; ++k) {
             columns_.push_back({i, "", std::nullopt});
-            if (!by_dynamics(i)) columns_.back().source = Source{i, k, {}};
+            if (!hypothesis_of(i).by_dynamics) columns_.back().source = Source{i, k, {}};
         }
         linear_[i] = {first, static_cast<int>(columns_.size())};
     });
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (linear_[i].first != linear_[i].second) continue;
         const auto found = focus.find(i);
-        const Grid grid = grid_of(i, setting_);
-        if (found != focus.end() && grid.closer) {
-            for (const Parameters<double>& at : grid.closer(found->second)) add_focus(i, at);
+        const StartingPoints start = hypothesis_of(i).starting_points(setting_);
+        if (found != focus.end() && start.closer) {
+            for (const Parameters<double>& at : start.closer(found->second)) add_focus(i, at);
             continue;
         }
         if (grids || found != focus.end()) add_grid(i);
@@ -222,7 +222,7 @@ std::vector<int> Dictionary::rich_columns_of(std::string_view place) const {
 }
 
 bool Dictionary::can_focus(std::size_t effect) const {
-    return grid_of(effect, setting_).step != decltype(Grid::step){};
+    return hypothesis_of(effect).starting_points(setting_).step != decltype(StartingPoints::step){};
 }
 
 std::size_t Dictionary::term(std::size_t effect, const Parameters<double>& p) {
@@ -237,17 +237,17 @@ int Dictionary::add(std::size_t effect, const Probe& probe, const std::optional<
 }
 
 void Dictionary::add_grid(std::size_t effect) {
-    const Grid grid = grid_of(effect, setting_);
-    for (const Parameters<double>& at : grid.points) {
+    const StartingPoints start = hypothesis_of(effect).starting_points(setting_);
+    for (const Parameters<double>& at : start.points) {
         Way way;
         way.effect = effect;
         way.kind = Way::Kind::grid;
         way.at = at;
-        way.hidden = grid.hidden;
-        for (const Parameters<double>& unit : grid.units(at)) {
+        way.hidden = start.hidden;
+        for (const Parameters<double>& unit : start.units(at)) {
             std::optional<Source> source;
-            if (!by_dynamics(effect)) source = Source{effect, 0, unit};
-            way.amounts.push_back({{add(effect, {term(effect, unit)}, source)}, grid.likely_amount});
+            if (!hypothesis_of(effect).by_dynamics) source = Source{effect, 0, unit};
+            way.amounts.push_back({{add(effect, {term(effect, unit)}, source)}, start.likely_amount});
         }
         ways_[effect].push_back(way);
     }
@@ -255,36 +255,36 @@ void Dictionary::add_grid(std::size_t effect) {
 
 // Slopes are taken to one side where the other is out of the parameter's range.
 void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
-    const Grid grid = grid_of(effect, setting_);
+    const StartingPoints start = hypothesis_of(effect).starting_points(setting_);
     const auto& info = model::kEffects[effect].parameters;
     Way way;
     way.effect = effect;
     way.kind = Way::Kind::focus;
     way.at = at;
-    way.hidden = grid.hidden;
+    way.hidden = start.hidden;
     const std::size_t here = term(effect, at);
     way.fixed.push_back(add(effect, {here}));
     for (std::size_t j = 0; j < info.size(); ++j) {
-        if (grid.step[j] == 0 || (j == grid.apart_at_zero && at[j] == 0)) continue;
+        if (start.step[j] == 0 || (j == start.apart_at_zero && at[j] == 0)) continue;
         Parameters<double> up = at;
         Parameters<double> down = at;
-        up[j] = std::min(info[j].maximum, at[j] + grid.step[j]);
-        down[j] = std::max(info[j].minimum, at[j] - grid.step[j]);
+        up[j] = std::min(info[j].maximum, at[j] + start.step[j]);
+        down[j] = std::max(info[j].minimum, at[j] - start.step[j]);
         way.free.push_back(j);
         way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / (up[j] - down[j])})},
-                               grid.likely_move[j]});
+                               start.likely_move[j]});
     }
-    if (grid.beside != Parameters<double>{}) {
+    if (start.beside != Parameters<double>{}) {
         Parameters<double> up = at;
         Parameters<double> down = at;
         double step = 0;
         for (std::size_t j = 0; j < at.size(); ++j) {
-            up[j] += grid.beside[j];
-            down[j] -= grid.beside[j];
-            step += 2 * grid.beside[j];
+            up[j] += start.beside[j];
+            down[j] -= start.beside[j];
+            step += 2 * start.beside[j];
         }
         way.amounts.push_back(
-            {{add(effect, {term(effect, up), term(effect, down), 1 / step})}, grid.expected});
+            {{add(effect, {term(effect, up), term(effect, down), 1 / step})}, start.expected});
     }
     ways_[effect].push_back(way);
 }
@@ -312,7 +312,7 @@ Dictionary::Walker::Walker(const Dictionary& dictionary, const std::vector<bool>
     for (std::size_t t = 0; t < term_.size(); ++t) {
         if (!term_wanted[t]) continue;
         const auto& [effect, parameters] = dictionary.terms_[t];
-        term_[t] = contribution(effect, parameters, dictionary.setting_);
+        term_[t] = hypothesis_of(effect).columns(parameters, dictionary.setting_);
         for (std::size_t i = 0; i < t; ++i) {
             if (term_[i] && dictionary.terms_[i].effect == effect) term_[t]->share(*term_[i]);
         }

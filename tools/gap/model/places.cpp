@@ -5,6 +5,8 @@
 #include <cmath>
 #include <complex>
 
+#include "tools/gap/hypotheses/torque_ripple.hpp"
+
 namespace wheelwright::gap {
 namespace {
 
