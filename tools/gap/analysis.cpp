@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <span>
 #include <utility>
 
@@ -29,15 +30,16 @@ std::vector<std::string> files_of(const Request& request) {
 }
 
 // What was not looked for, as was asked; "": nothing.
-std::string words_of_left_out(const Request& request) {
+std::string words_of_excluded(const Request& request) {
     std::string names;
     for (const std::size_t effect : request.without)
         names += (names.empty() ? "" : ", ") + std::string(model::kEffects[effect].name);
     return names.empty() ? "" : "not looked for, as was asked: " + names;
 }
 
-LookOptions look_options(const Request& request, const Overview& overview, Parts parts, Known known) {
-    LookOptions options;
+EvaluationOptions evaluation_options(const Request& request, const Overview& overview, Parts parts,
+                                     Known known) {
+    EvaluationOptions options;
     options.geometry = request.geometry;
     if (request.robot) options.base = request.robot->effects;
     options.overview = overview;
@@ -46,29 +48,32 @@ LookOptions look_options(const Request& request, const Overview& overview, Parts
     return options;
 }
 
-ResidualOptions left_options(const Looks& looks, std::span<const LogPart> training, const Known& known) {
-    const Look& last = looks.last();
+ResidualOptions residual_options(const Evaluations& evaluations, std::span<const LogPart> training,
+                                 const Known& known) {
+    const Evaluation& last = evaluations.last();
     ResidualOptions options;
-    options.setting = looks.setting_found();
+    options.setting = evaluations.setting_found();
     options.found = effects_of(last.search.members, last.search.after, last.dictionary.setting());
     options.known = known;
     options.training = training;
-    options.blocks = looks.block_options();
-    options.turning = looks.turning();
+    options.blocks = evaluations.block_options();
+    options.turning = evaluations.turning();
     return options;
 }
 
-std::vector<int> shapes_of_friction(const Look& look) {
-    return look.dictionary.rich_columns_of("low wheel speed");
+std::vector<int> shapes_of_friction(const Evaluation& evaluation) {
+    return evaluation.dictionary.rich_columns_of("low wheel speed");
 }
 
-// Intervals are as wide as other estimates of the same differ, `weak` among them: the fit before it was
-// refined.
-void take_misfit(Search& search, const Fit& weak, const Look& last) {
+// With intervals as wide as other estimates of the same differ, that of `weak` among them: the fit before it
+// was refined.
+Search with_misfit(const Search& search, const Fit& weak, const Evaluation& last) {
+    Search result = search;
     const Eigen::VectorXd refined_by = search.after.value - weak.value;
-    search.after.covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last)) +
+    result.after.covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last)) +
                                refined_by * refined_by.transpose();
-    take_refined(search, last.dictionary.setting());
+    result.effects = described_anew(result, last.dictionary.setting());
+    return result;
 }
 
 // An effect that was found and is not to be named, and why.
@@ -76,22 +81,22 @@ struct Denied {
     std::size_t effect = 0;
     std::string why;
 };
-std::optional<Denied> denied_by(const Looks& looks, std::span<const LogPart> training) {
-    const Look& last = looks.last();
+std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const LogPart> training) {
+    const Evaluation& last = evaluations.last();
     if (const auto effect = no_better_in_free_run(last.search, pointers(last.train), training,
-                                                  last.dictionary.setting(), looks.turning()))
+                                                  last.dictionary.setting(), evaluations.turning()))
         return Denied{*effect, "the simulated robot drives no closer to the logs with it"};
     if (const auto effect = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last)))
         return Denied{*effect, "how much of it there is depends on how the rows are weighed"};
     return std::nullopt;
 }
 
-std::optional<Denied> look_at_all(Looks& looks, std::span<const LogPart> training) {
-    looks.look();
-    looks.look_with_a_guess();
-    looks.look_closer(kBroadPasses);
-    const std::optional<Denied> denied = denied_by(looks, training);
-    return !denied && looks.look_without_the_least() ? denied_by(looks, training) : denied;
+std::optional<Denied> evaluate_all(Evaluations& evaluations, std::span<const LogPart> training) {
+    evaluations.evaluate();
+    evaluations.evaluate_with_a_guess();
+    evaluations.evaluate_closer(kBroadPasses);
+    const std::optional<Denied> denied = denied_by(evaluations, training);
+    return !denied && evaluations.evaluate_without_the_least() ? denied_by(evaluations, training) : denied;
 }
 
 // The robot found, for motions that would tell what it was named for from something else. `setting`, here and
@@ -169,7 +174,7 @@ Findings analyse(const Request& request) {
     Findings findings;
 
     // the logs, before any model
-    if (!request.without.empty()) findings.notes.push_back(words_of_left_out(request));
+    if (!request.without.empty()) findings.notes.push_back(words_of_excluded(request));
     const Logs logs = read_logs(files_of(request), request.robot, request.reading);
     findings.notes.insert(findings.notes.end(), logs.notes.begin(), logs.notes.end());
     findings.faults = logs.faults;
@@ -205,54 +210,65 @@ Findings analyse(const Request& request) {
 
     // the looks
     request.progress("products of columns");
-    Looks looks(look_options(request, overview, parts, known_before(sensors, request.without, track_m)));
-    if (const std::optional<std::string> problem = looks.first_model()) {
+    Evaluations evaluations(
+        evaluation_options(request, overview, parts, known_before(sensors, request.without, track_m)));
+    if (const std::optional<std::string> problem = evaluations.first_model()) {
         findings.problems.push_back(*problem);
         return findings;
     }
-    const bool turning = looks.turning();
+    const bool turning = evaluations.turning();
     if (!turning) sensors.gyro.reset();  // no radii are told by a robot that its torques do not turn
     request.progress("search");
-    while (const std::optional<Denied> denied = look_at_all(looks, parts.training)) {
-        looks.deny(denied->effect);
+    while (const std::optional<Denied> denied = evaluate_all(evaluations, parts.training)) {
+        evaluations.deny(denied->effect);
         findings.notes.push_back(std::string(model::kEffects[denied->effect].name) +
                                  ": not looked for, because " + denied->why);
     }
-    const Known& known = looks.known();
+    const Known& known = evaluations.known();
     findings.denied = known.rivals_only;
     findings.turning = turning;
-    findings.blocks = looks.blocks();
+    findings.blocks = evaluations.blocks();
 
     // what they leave, and what else is to be said of what they found
-    const Look& last = looks.last();
+    const Evaluation& last = evaluations.last();
     const Setting& setting = last.dictionary.setting();
-    findings.search = last.search;
-    Search& search = findings.search;
-    const BlockSet held_out = looks.held_out();
-    search.closable_share = closed_share(pointers(held_out), search);
-    const ResidualOptions left = left_options(looks, parts.training, known);
-    judge_residual(search, left);
-    const Fit weak = search.after;
+    const Search& found = last.search;
+    findings.closable_share = closed_share(pointers(evaluations.held_out()), found);
+    const ResidualOptions options = residual_options(evaluations, parts.training, known);
+    const Residual residual = residual_of(found, options);
+    findings.where = residual.where;
     std::optional<SlipFound> slip;
-    if (turning && may_slip(search, known)) {
+    if (turning && may_slip(found, known)) {
         const std::optional<RollingSlip> by_gyro = slip_by_gyro(logs.logs, request.geometry);
-        if (by_gyro) slip = slip_of(*by_gyro, slip_in_rows(search, left), setting);
+        if (by_gyro) slip = slip_of(*by_gyro, slip_in_rows(found, options), setting);
     }
-    refine(search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
-    take_misfit(search, weak, last);
+    findings.search = with_misfit(
+        refined(found, parts.training, setting, turning, overview.speed_rms_rad_per_s), found.after, last);
+    const Search& search = findings.search;
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
-    name_unmeasured(search.effects, known_effects);
-    advise_motions(search.effects, confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
+    std::vector<NamedEffect> effects =
+        with_motions(with_unmeasured_rivals(search.effects, known_effects),
+                     confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
     if (slip) {
-        name_slip(search, *slip, setting);
+        effects.push_back(named_slip(*slip, setting));
         findings.notes.emplace_back(
             "wheel_slip is by the gyro: it grows with the speed, as that of the robot file does not, and so "
             "is "
             "not written there");
     }
-    name_what_sensors_show(search, sensors, known, track_m);
-    judge_by_sensors(search, sensors, request.without, track_m);
+    const BesideSensors beside = beside_sensors(std::move(effects), sensors, known, request.without, track_m);
+    findings.effects = beside.effects;
+    SensorGrounds grounds{slip.has_value(), beside.shown, {}};
+    for (const BesideSensors::Denied& denied : beside.denied) {
+        std::erase_if(findings.where, [&](const Place& p) { return p.name == denied.place; });
+        findings.where.insert(findings.where.begin() + std::ptrdiff_t(grounds.denied.size()),
+                              {denied.place, 1.0});
+        grounds.denied.push_back(denied.what);
+    }
+    findings.conclusion = conclude(residual.conclusion, grounds);
+    if (beside.shown && !slip && residual.conclusion.verdict == Verdict::nothing_missing)
+        findings.closable_share = std::numeric_limits<double>::quiet_NaN();  // it moves no wheel
 
     // the models beside the logs
     take_robots(findings, setting, turning);
@@ -264,7 +280,7 @@ Findings analyse(const Request& request) {
     if (parts.held_out && models) judge_held_out(findings, *parts.held_out, *models);
     if (models && models->after.driving) findings.against_speed = torque_missing(logs.logs, *models);
 
-    std::erase_if(search.detectable, [&](const Detectable& d) {
+    std::erase_if(findings.search.detectable, [&](const Detectable& d) {
         return std::find(request.without.begin(), request.without.end(), d.effect) != request.without.end();
     });
     return findings;

@@ -34,6 +34,11 @@ struct Findings {
     // faults, length, rate and noise, and what the gyro says.
     std::vector<std::string> problems;
     std::vector<std::string> notes;  // of what was left out of a log or the search, and why
+    Conclusion conclusion;
+    std::vector<NamedEffect> effects;  // by importance
+    std::vector<Place> where;          // what is missing shows, by importance
+    // Of the closable gap, closed, by closed_share(). NaN: only sensors err.
+    double closable_share = 0;
     Search search;
     bool turning = false;  // the turning equation was used
     double duration_s = 0, rate_Hz = 0;

@@ -122,7 +122,7 @@ void verify_detection(const Options& options, const gap::Request& request, const
 }
 
 int write_to_robot(const Options& options, const gap::Findings& findings, const gap::Request& request) {
-    const gap::Verdict verdict = findings.search.verdict;
+    const gap::Verdict verdict = findings.conclusion.verdict;
     if (verdict != gap::Verdict::named && verdict != gap::Verdict::nothing_missing) {
         std::fprintf(stderr, "wheelwright gap: nothing is written to the robot: the verdict is %s\n",
                      gap::verdict_name(verdict));

@@ -31,9 +31,8 @@ gap::Findings analyse(const HiddenLog& hidden, const std::vector<std::string>& u
 
 void check_unexplained(const gap::Findings& found, const std::string& place) {
     std::string places;
-    for (std::size_t i = 0; i < found.search.where.size() && i < 2; ++i)
-        places += found.search.where[i].name + "; ";
-    STRCMP_EQUAL_TEXT("unexplained", gap::verdict_name(found.search.verdict), place.c_str());
+    for (std::size_t i = 0; i < found.where.size() && i < 2; ++i) places += found.where[i].name + "; ";
+    STRCMP_EQUAL_TEXT("unexplained", gap::verdict_name(found.conclusion.verdict), place.c_str());
     STRCMP_CONTAINS(place.c_str(), places.c_str());
 }
 
@@ -41,7 +40,7 @@ void check_unexplained(const gap::Findings& found, const std::string& place) {
 
 TEST_GROUP(GapPlaces){};
 
-TEST(GapPlaces, what_no_effect_explains_is_unexplained_and_its_place_is_told) {
+TEST(GapPlaces, what_no_effect_explains_is_unexplained_and_its_place_is_named) {
     const auto check = [](const test::HiddenEffect& effect, const std::vector<std::string>& names,
                           const std::string& place) {
         const HiddenLog hidden = test::hidden_log(effect, 3, kNoise_rad_per_s, kDuration_s, kRate_Hz);
@@ -118,6 +117,6 @@ TEST(GapPlaces, a_speed_loops_answer_to_noise_is_no_lag) {
         }
     }
     const gap::Findings found = analyse(hidden, {});
-    STRCMP_EQUAL_TEXT("nothing_missing", gap::verdict_name(found.search.verdict),
-                      found.search.reason.c_str());
+    STRCMP_EQUAL_TEXT("nothing_missing", gap::verdict_name(found.conclusion.verdict),
+                      found.conclusion.reason.c_str());
 }

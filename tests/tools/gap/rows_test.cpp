@@ -43,7 +43,7 @@ TEST(GapRows, what_was_passed_over_is_in_no_row) {
     const std::size_t payload = model::find_effect("payload_step");
     const double mass_kg = 2;
     const gap::Dictionary dictionary(setting, {{payload, {0.5, mass_kg, 0}}}, false);
-    const int column = dictionary.ways(payload).back().fixed.front();
+    const int column = dictionary.candidates(payload).back().fixed.front();
 
     const tools::MeasuredLog log = driven(6);
     std::vector<bool> unusable(log.samples.size());
@@ -75,7 +75,7 @@ TEST(GapRows, kept_columns_are_those_made_anew) {
     setting.span_s = 6;
     const gap::Dictionary first(setting, {});
     setting.dynamics = {-0.02, 0.7, 1.3, 4.2};
-    setting.closer_looks = 1;
+    setting.refinements = 1;
     const gap::Dictionary second(setting, {{model::find_effect("stribeck_friction"), {0.1, 0.2, 1}}});
 
     const tools::MeasuredLog log = driven(6, 0.6);

@@ -31,14 +31,14 @@ struct Draw {
     }
 };
 
-double share_of_draws_told(double all_apart, double truth, double disagree = 0) {
+double share_of_draws_distinguished(double all_apart, double truth, double disagree = 0) {
     std::mt19937 engine(5);
-    int told = 0;
+    int distinguished = 0;
     for (int i = 0; i < kDraws; ++i) {
         const Draw draw(engine, all_apart, truth, disagree);
-        told += gap::surely_as_foretold(draw.gain, draw.apart, 1, kSignificance) ? 1 : 0;
+        distinguished += gap::surely_as_predicted(draw.gain, draw.apart, 1, kSignificance) ? 1 : 0;
     }
-    return double(told) / kDraws;
+    return double(distinguished) / kDraws;
 }
 
 }  // namespace
@@ -53,20 +53,20 @@ TEST(GapStatistics, agree_with_the_tables) {
     DOUBLES_EQUAL(10.0 / 256, gap::signed_rank_probability({1, 2, 3, 4, -5, 6, 7, 8}), 1e-12);
 }
 
-TEST(GapStatistics, what_is_foretold_and_comes_is_told) {
-    CHECK(share_of_draws_told(30, 1) > 0.95);
+TEST(GapStatistics, what_is_predicted_and_comes_distinguishes) {
+    CHECK(share_of_draws_distinguished(30, 1) > 0.95);
     // too little is foretold for noise to let it be seen
-    CHECK(share_of_draws_told(1, 1) < 0.1);
+    CHECK(share_of_draws_distinguished(1, 1) < 0.1);
 }
 
 TEST(GapStatistics, the_other_model_is_hardly_ever_taken_for_the_true_one) {
     for (const double all_apart : {1.0, 4.0, 10.0, 30.0, 1000.0})
-        CHECK(share_of_draws_told(all_apart, -1) < kSignificance);
+        CHECK(share_of_draws_distinguished(all_apart, -1) < kSignificance);
     // nor is it where the truth lies half way between them, and is seen well
-    CHECK(share_of_draws_told(1000, 0) < kSignificance);
+    CHECK(share_of_draws_distinguished(1000, 0) < kSignificance);
 }
 
 TEST(GapStatistics, blocks_that_disagree_are_believed_less) {
-    CHECK(share_of_draws_told(1000, -0.3, 3) < share_of_draws_told(1000, 0.5, 0));
-    CHECK(share_of_draws_told(1000, -1, 3) < 2 * kSignificance);
+    CHECK(share_of_draws_distinguished(1000, -0.3, 3) < share_of_draws_distinguished(1000, 0.5, 0));
+    CHECK(share_of_draws_distinguished(1000, -1, 3) < 2 * kSignificance);
 }

@@ -100,8 +100,8 @@ struct HypothesisOf<model::CastorDrag> : Defaults<model::CastorDrag> {
                 from.points.push_back({0, 0, arm * s.geometry.track_m, trail});
         }
         // the trail has minima beside the right one
-        if (s.closer_looks > 0) {
-            const double spread = std::pow(4.0, -s.closer_looks);
+        if (s.refinements > 0) {
+            const double spread = std::pow(4.0, -s.refinements);
             from.closer = [=](const Parameters<double>& at) {
                 std::vector<Parameters<double>> points{at};
                 if (spread > 0.01) {

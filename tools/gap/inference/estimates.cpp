@@ -8,13 +8,15 @@
 
 namespace wheelwright::gap {
 
-std::vector<ParameterEstimate> estimates_of(const Way& way, const Eigen::VectorXd& amount,
+std::vector<ParameterEstimate> estimates_of(const Candidate& candidate, const Eigen::VectorXd& amount,
                                             const Eigen::MatrixXd& cov, const Setting& setting,
                                             std::size_t blocks) {
-    const auto& info = model::kEffects[way.effect].parameters;
+    const auto& info = model::kEffects[candidate.effect].parameters;
     const Eigen::Index count = amount.size();
     const double quantile = interval_quantile(blocks);
-    const auto value_at = [&](const Eigen::VectorXd& a) { return parameters_of(way, a, setting).first; };
+    const auto value_at = [&](const Eigen::VectorXd& a) {
+        return parameters_of(candidate, a, setting).first;
+    };
     const model::Parameters<double> p = value_at(amount);
     std::vector<ParameterEstimate> estimates;
     for (std::size_t j = 0; j < info.size(); ++j) {
@@ -35,12 +37,12 @@ std::vector<ParameterEstimate> estimates_of(const Way& way, const Eigen::VectorX
     return estimates;
 }
 
-void widen(const Way& way, const Setting& setting, const std::vector<double>& unmoved,
+void widen(const Candidate& candidate, const Setting& setting, const std::vector<double>& unmoved,
            std::vector<ParameterEstimate>& parameters) {
     // Not moved by the amounts: known as far as the points are apart.
     constexpr double kPointsApart = 0.1;
-    const Hypothesis& hypothesis = hypothesis_of(way.effect);
-    const bool at_start = way.kind == Way::Kind::grid;
+    const Hypothesis& hypothesis = hypothesis_of(candidate.effect);
+    const bool at_start = candidate.kind == Candidate::Kind::start;
     model::Parameters<double> at{};
     for (std::size_t j = 0; j < parameters.size(); ++j) at[j] = parameters[j].value;
     for (std::size_t j = 0; j < parameters.size(); ++j) {
@@ -48,7 +50,7 @@ void widen(const Way& way, const Setting& setting, const std::vector<double>& un
         const double usual = at_start && p.standard_error == 0 ? kPointsApart : kIntegration;
         const Uncertainty beside = hypothesis.uncertainty({j, at, setting, at_start, usual});
         double more = std::hypot(unmoved[j], beside.absolute);
-        const bool open = way.leaves_open && j == way.hidden;
+        const bool open = candidate.leaves_open && j == candidate.hidden;
         if (open) more = std::hypot(more, hypothesis.starting_points(setting).likely_move[j]);
         const double quantile =
             p.standard_error > 0 ? (p.interval_95[1] - p.value) / p.standard_error : kNormalQuantile;

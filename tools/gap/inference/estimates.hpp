@@ -18,14 +18,14 @@ struct ParameterEstimate {
 
 // The parameters that a way's amounts stand for, in the catalogue's order, with errors from the amounts'
 // covariance (delta method) and Student's interval for a fit to so many blocks.
-std::vector<ParameterEstimate> estimates_of(const Way& way, const Eigen::VectorXd& amounts,
+std::vector<ParameterEstimate> estimates_of(const Candidate& candidate, const Eigen::VectorXd& amounts,
                                             const Eigen::MatrixXd& covariance, const Setting& setting,
                                             std::size_t blocks);
 
 // Adds what the spread between blocks does not show: `unmoved`, a standard error for each parameter of what
 // the fit does not move, and what the model of this effect is known to leave out. Scales those that need
 // the body's mass, for which K7 stands with the wheels' rotation.
-void widen(const Way& way, const Setting& setting, const std::vector<double>& unmoved,
+void widen(const Candidate& candidate, const Setting& setting, const std::vector<double>& unmoved,
            std::vector<ParameterEstimate>& parameters);
 
 }  // namespace wheelwright::gap

@@ -72,21 +72,21 @@ double event_error_s(const Search& search) {
 }
 
 // A closer look at where an effect was found has been taken, and was no better than the grid's point.
-bool has_looked_at(const Look& look, std::size_t effect) {
+bool was_linearised_at(const Evaluation& evaluation, std::size_t effect) {
     constexpr double kSame = 0.02;
-    const std::span<const Way> ways = look.dictionary.ways(effect);
-    const model::Parameters<double>& found = look.search.points.at(effect);
-    return std::any_of(ways.begin(), ways.end(), [&](const Way& way) {
-        bool same = way.kind == Way::Kind::focus;
+    const std::span<const Candidate> candidates = evaluation.dictionary.candidates(effect);
+    const model::Parameters<double>& found = evaluation.search.points.at(effect);
+    return std::any_of(candidates.begin(), candidates.end(), [&](const Candidate& candidate) {
+        bool same = candidate.kind == Candidate::Kind::linearised;
         for (std::size_t j = 0; j < found.size(); ++j)
-            same = same && std::abs(found[j] - way.at[j]) <= kSame * std::abs(found[j]);
+            same = same && std::abs(found[j] - candidate.at[j]) <= kSame * std::abs(found[j]);
         return same;
     });
 }
 
 }  // namespace
 
-Looks::Looks(LookOptions options)
+Evaluations::Evaluations(EvaluationOptions options)
     : options_(std::move(options)),
       block_options_(gap::block_options(options_.parts.training, options_.overview.noise_rad_per_s,
                                         options_.overview.speed_rms_rad_per_s)),
@@ -95,11 +95,11 @@ Looks::Looks(LookOptions options)
     block_options_.kept = &kept_;
 }
 
-std::optional<std::string> Looks::first_model() {
+std::optional<std::string> Evaluations::first_model() {
     model::Dynamics<double> start;
     start.k7_per_kg_m = 1;
     make(start, {}, false);
-    blocks_ = look_->train.blocks.size();
+    blocks_ = current_->train.blocks.size();
     if (blocks_ < kFewestBlocks) {
         return "too short: " + std::to_string(blocks_) +
                " pieces of at least half a second in which both wheels turn are left for the search, and it "
@@ -108,12 +108,12 @@ std::optional<std::string> Looks::first_model() {
     }
     std::vector<Amount> frictions;
     for (const std::size_t friction : usual_friction()) {
-        const int first = look_->dictionary.linear_columns(friction).first;
+        const int first = current_->dictionary.linear_columns(friction).first;
         frictions.push_back({{first, first + 1}});
     }
     ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning_, {}};
     if (!driving_) shape.held_gain[kLinear] = 1;  // any: it is not told
-    Fit f = fit_beside_friction(pointers(look_->train), shape, frictions);
+    Fit f = fit_beside_friction(pointers(current_->train), shape, frictions);
     if (driving_ && !(f.value(2) > 0)) {
         return "forward torque slows the robot down: is the sign of torque or speed wrong?";
     }
@@ -133,38 +133,38 @@ std::optional<std::string> Looks::first_model() {
         block_options_.straight = true;
     }
     make(dynamics_of(f, turning_, options_.geometry.track_m), {}, true);
-    first_ = look_;
+    first_ = current_;
     return std::nullopt;
 }
 
-void Looks::deny(std::size_t effect) {
+void Evaluations::deny(std::size_t effect) {
     options_.known.rivals_only.push_back(effect);
-    closer_looks_ = 0;
+    refinements_ = 0;
     event_spacing_s_ = 0;
-    look_.reset();  // its blocks take room
-    look_ = first_;
+    current_.reset();  // its blocks take room
+    current_ = first_;
 }
 
 // Driven straight a robot may be turned by what is missing more than by the torques' difference: those fit
 // its turning only beside an effect that does.
-bool Looks::turned_with_an_effect(const Fit& without) const {
+bool Evaluations::turned_with_an_effect(const Fit& without) const {
     constexpr double kMost = 0.5;  // of the squares, that such an effect leaves at most
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         ModelShape shape;
         shape.amounts.push_back({{Dictionary::kTiming}});
-        for (auto [c, end] = look_->dictionary.linear_columns(i); c < end; ++c)
+        for (auto [c, end] = current_->dictionary.linear_columns(i); c < end; ++c)
             shape.amounts.push_back({{c}});
         if (shape.amounts.size() == 1) continue;
-        const Fit with = fit(pointers(look_->train), shape);
+        const Fit with = fit(pointers(current_->train), shape);
         if (with.value(3) > 3 * with.error(3) && with.squares < kMost * without.squares) return true;
     }
     return false;
 }
 
-void Looks::look() {
+void Evaluations::evaluate() {
     const Known& known = options_.known;
     SearchOptions search_options;
-    search_options.dictionary = &look_->dictionary;
+    search_options.dictionary = &current_->dictionary;
     search_options.base = options_.base;
     search_options.given = known.given;
     search_options.excluded = known.excluded;
@@ -174,46 +174,47 @@ void Looks::look() {
     }
     search_options.large_gap = known.large_gap;
     search_options.white_noise = known.white_noise;
-    for (const NamedEffect& e : look_->search.effects) search_options.confirmed.push_back(e.effect);
+    for (const NamedEffect& e : current_->search.effects) search_options.confirmed.push_back(e.effect);
     search_options.turning = turning_;
     search_options.k7_per_kg_m = k7_per_kg_m_;
-    look_->search = search(look_->train, search_options);
+    current_->search = search(current_->train, search_options);
 }
 
-void Looks::look_with_a_guess() {
-    const Search& s = look_->search;
-    if (s.verdict != Verdict::unexplained || !s.effects.empty() || !s.guess) return;
+void Evaluations::evaluate_with_a_guess() {
+    const Search& s = current_->search;
+    if (s.conclusion.verdict != Verdict::unexplained || !s.effects.empty() || !s.guess) return;
     const model::Dynamics<double> likely = dynamics_of(*s.guess, turning_, options_.geometry.track_m);
-    if (!(likely.k7_per_kg_m > 0) || close(likely, look_->dictionary.setting().dynamics)) return;
-    Look before = put_aside();
+    if (!(likely.k7_per_kg_m > 0) || close(likely, current_->dictionary.setting().dynamics)) return;
+    Evaluation before = put_aside();
     make(likely, {}, true);
-    look();
-    if (look_->search.effects.empty()) look_ = std::move(before);
+    evaluate();
+    if (current_->search.effects.empty()) current_ = std::move(before);
 }
 
-void Looks::look_closer(int broad) {
+void Evaluations::evaluate_closer(int broad) {
     for (int again = 0; again < kMostPasses; ++again) {
-        const bool leads = has_leads(look_->search);
-        if (look_->search.effects.empty() && !leads) break;
+        const bool leads = has_leads(current_->search);
+        if (current_->search.effects.empty() && !leads) break;
         const model::Dynamics<double> found = dynamics_found();
-        if (!leads && close(found, look_->dictionary.setting().dynamics) && near_enough()) break;
-        Look before = put_aside();
-        ++closer_looks_;
-        look_closer_at_events();
+        if (!leads && close(found, current_->dictionary.setting().dynamics) && near_enough()) break;
+        Evaluation before = put_aside();
+        ++refinements_;
+        space_events_closer();
         make(found, before.search.points, again < broad);
-        look();
-        keep_what_was_not_tried(look_->search, before.search);
-        if (is_worse(look_->search, before.search)) {
-            look_ = std::move(before);
+        evaluate();
+        keep_what_was_not_tried(current_->search, before.search);
+        if (is_worse(current_->search, before.search)) {
+            current_ = std::move(before);
             break;
         }
     }
 }
 
-bool Looks::look_without_the_least() {
+bool Evaluations::evaluate_without_the_least() {
     constexpr double kNextToNothing = 0.05;
-    const Search& s = look_->search;
-    if (s.effects.size() < 2 || s.verdict == Verdict::unexplained || s.effects.back().closes > kNextToNothing)
+    const Search& s = current_->search;
+    if (s.effects.size() < 2 || s.conclusion.verdict == Verdict::unexplained ||
+        s.effects.back().closes > kNextToNothing)
         return false;
     std::vector<std::size_t> others;
     Points points;
@@ -223,106 +224,111 @@ bool Looks::look_without_the_least() {
         if (found != s.points.end()) points.insert(*found);
     }
     if (points.empty()) return false;  // what is linear has one place
-    Look before = put_aside();
+    Evaluation before = put_aside();
     only_ = others;
-    closer_looks_ = 0;
+    refinements_ = 0;
     make(dynamics_found(), points, false);
-    look();
-    look_closer(0);
+    evaluate();
+    evaluate_closer(0);
     only_.clear();
-    if (look_->search.effects.size() == others.size()) {
-        make(dynamics_found(), look_->search.points, true);
-        look();
-        keep_what_was_not_tried(look_->search, before.search);
-        if (look_->search.effects.size() == others.size() && look_->search.verdict != Verdict::unexplained) {
-            look_closer(0);
+    if (current_->search.effects.size() == others.size()) {
+        make(dynamics_found(), current_->search.points, true);
+        evaluate();
+        keep_what_was_not_tried(current_->search, before.search);
+        if (current_->search.effects.size() == others.size() &&
+            current_->search.conclusion.verdict != Verdict::unexplained) {
+            evaluate_closer(0);
             return true;
         }
     }
-    look_ = std::move(before);
+    current_ = std::move(before);
     return false;
 }
 
 // Times of events are tried closer together, but not much closer than they can be told apart.
-void Looks::look_closer_at_events() {
-    constexpr double kCloserBy = 4;  // each look than the one before
+void Evaluations::space_events_closer() {
+    constexpr double kFinerBy = 4;  // each look than the one before
     constexpr double kOfError = 0.75;
-    const Setting& setting = look_->dictionary.setting();
-    double next_s = (event_spacing_s_ > 0 ? event_spacing_s_ : kEventSpacing * setting.span_s) / kCloserBy;
-    if (event_spacing_s_ > 0) next_s = std::max(next_s, kOfError * event_error_s(look_->search));
+    const Setting& setting = current_->dictionary.setting();
+    double next_s = (event_spacing_s_ > 0 ? event_spacing_s_ : kEventSpacing * setting.span_s) / kFinerBy;
+    if (event_spacing_s_ > 0) next_s = std::max(next_s, kOfError * event_error_s(current_->search));
     event_spacing_s_ = std::max(next_s, 2 * setting.period_s);
 }
 
 // Whether the effects found lie where their columns were made, within a fifth of a standard error.
-bool Looks::near_enough() const {
-    const Search& s = look_->search;
-    const Dictionary& dictionary = look_->dictionary;
+bool Evaluations::near_enough() const {
+    const Search& s = current_->search;
+    const Dictionary& dictionary = current_->dictionary;
     const double event_s = event_error_s(s);
     if (event_s > 0 && event_spacing_s_ > std::max(event_s, 2 * dictionary.setting().period_s)) return false;
     for (const NamedEffect& e : s.effects) {
         for (const Rival& r : e.rivals) {
-            if (r.coarse && !r.alike) return false;
+            if (r.coarse && !r.confounded) return false;
         }
-        for (const Way& way : s.members) {
-            if (way.effect != e.effect || way.kind == Way::Kind::linear) continue;
-            if (way.kind == Way::Kind::grid) {
-                if (dictionary.can_focus(way.effect) && !has_looked_at(*look_, way.effect)) return false;
+        for (const Candidate& candidate : s.members) {
+            if (candidate.effect != e.effect || candidate.kind == Candidate::Kind::linear) continue;
+            if (candidate.kind == Candidate::Kind::start) {
+                if (dictionary.can_linearise(candidate.effect) &&
+                    !was_linearised_at(*current_, candidate.effect))
+                    return false;
                 continue;
             }
             const model::Parameters<double>& found = s.points.at(e.effect);
             for (std::size_t j = 0; j < e.parameters.size(); ++j) {
                 const double error = e.parameters[j].standard_error;  // 0: the log does not show it
-                if (error > 0 && std::abs(found[j] - way.at[j]) > 0.2 * error) return false;
+                if (error > 0 && std::abs(found[j] - candidate.at[j]) > 0.2 * error) return false;
             }
         }
     }
     return true;
 }
 
-model::Dynamics<double> Looks::dynamics_found() const {
-    return dynamics_of(look_->search.after, turning_, options_.geometry.track_m);
+model::Dynamics<double> Evaluations::dynamics_found() const {
+    return dynamics_of(current_->search.after, turning_, options_.geometry.track_m);
 }
 
-Setting Looks::setting_found() const {
-    Setting setting = look_->dictionary.setting();
+Setting Evaluations::setting_found() const {
+    Setting setting = current_->dictionary.setting();
     setting.dynamics = dynamics_found();
     return setting;
 }
 
-Setting Looks::setting_for(const model::Dynamics<double>& dynamics) const {
+Setting Evaluations::setting_for(const model::Dynamics<double>& dynamics) const {
     const Overview& o = options_.overview;
     return {options_.geometry, dynamics,     o.peak_torque_Nm, o.peak_speed_rad_per_s, o.span_s,
-            o.period_s,        o.turned_rad, closer_looks_,    event_spacing_s_};
+            o.period_s,        o.turned_rad, refinements_,     event_spacing_s_};
 }
 
-BlockSet Looks::held_out() const {
+BlockSet Evaluations::held_out() const {
     if (!options_.parts.held_out) return {};
     BlockOptions made_with = block_options_;
-    made_with.dictionary = &look_->dictionary;
+    made_with.dictionary = &current_->dictionary;
     made_with.kept = nullptr;  // those are of other parts
     BlockSet blocks = make_blocks(std::array{*options_.parts.held_out}, made_with);
-    weigh(blocks, look_->colour);
+    weigh(blocks, current_->colour);
     return blocks;
 }
 
 // The last look; the next one finds its search and its dictionary in place, but no blocks.
-Look Looks::put_aside() { return {look_->search, look_->dictionary, std::move(look_->train), look_->colour}; }
+Evaluation Evaluations::put_aside() {
+    return {current_->search, current_->dictionary, std::move(current_->train), current_->colour};
+}
 
 // The dictionary and the blocks of the look that comes next; what was found stays.
-void Looks::make(const model::Dynamics<double>& dynamics, Points points, bool grids) {
+void Evaluations::make(const model::Dynamics<double>& dynamics, Points points, bool starts) {
     const Known& known = options_.known;
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (options_.base.active[i]) points.try_emplace(i, options_.base.parameter[i]);
     }
     for (const auto& [effect, parameters] : known.given) points[effect] = parameters;
-    Search found = look_ ? std::move(look_->search) : Search{};
-    look_.reset();  // its blocks take room
-    look_.emplace(Look{std::move(found), Dictionary(setting_for(dynamics), points, grids), {}, {}});
+    Search found = current_ ? std::move(current_->search) : Search{};
+    current_.reset();  // its blocks take room
+    current_.emplace(Evaluation{std::move(found), Dictionary(setting_for(dynamics), points, starts), {}, {}});
     BlockOptions made_with = block_options_;
-    made_with.dictionary = &look_->dictionary;
+    made_with.dictionary = &current_->dictionary;
     WeighedBlocks train = weighed_blocks(options_.parts.training, made_with, known.excluded);
-    look_->train = std::move(train.set);
-    look_->colour = train.colour;
+    current_->train = std::move(train.set);
+    current_->colour = train.colour;
 }
 
 }  // namespace wheelwright::gap

@@ -15,7 +15,7 @@
 namespace wheelwright::gap {
 
 // What is looked at, and what is known of it before.
-struct LookOptions {
+struct EvaluationOptions {
     model::Geometry<double> geometry;
     model::EffectSet<double> base;  // that the given model has
     Overview overview;
@@ -24,7 +24,7 @@ struct LookOptions {
 };
 
 // A look: the dictionary, the blocks that were made with it and how they are weighed, and what was found.
-struct Look {
+struct Evaluation {
     Search search;
     Dictionary dictionary;
     BlockSet train;
@@ -32,11 +32,11 @@ struct Look {
 };
 
 // first_model() comes first, and nothing after it if it has a problem.
-class Looks {
+class Evaluations {
   public:
-    explicit Looks(LookOptions options);
-    Looks(const Looks&) = delete;
-    Looks& operator=(const Looks&) = delete;
+    explicit Evaluations(EvaluationOptions options);
+    Evaluations(const Evaluations&) = delete;
+    Evaluations& operator=(const Evaluations&) = delete;
 
     // K5..K8 without anything that the given model does not have: columns are made with them. The text: why
     // these logs cannot be searched.
@@ -46,17 +46,17 @@ class Looks {
     void deny(std::size_t effect);
 
     // At everything, over the same blocks and columns as the last time.
-    void look();
+    void evaluate();
     // Where much is missing, K5..K8 without it may be far off, and with them the columns of effects that act
     // through them: what is there looks as if it were not.
-    void look_with_a_guess();
+    void evaluate_with_a_guess();
     // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
     // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
-    void look_closer(int broad);
+    void evaluate_closer(int broad);
     // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
     // Whether it is there still, once the others have found their places without it? False: it is, or there
     // is none such.
-    bool look_without_the_least();
+    bool evaluate_without_the_least();
 
     // The torques turn the robot: the turning equation is used.
     bool turning() const { return turning_; }
@@ -65,7 +65,7 @@ class Looks {
     // What is known, by now.
     const Known& known() const { return options_.known; }
     // The last look that was kept.
-    const Look& last() const { return *look_; }
+    const Evaluation& last() const { return *current_; }
     // Of the held-out part, with the columns of the last look; none without one. Made at each call.
     BlockSet held_out() const;
     // For another dictionary, with K5..K8 of the last look and as closely as it came to look.
@@ -76,22 +76,22 @@ class Looks {
   private:
     model::Dynamics<double> dynamics_found() const;
     Setting setting_for(const model::Dynamics<double>& dynamics) const;
-    Look put_aside();
-    void make(const model::Dynamics<double>& dynamics, Points points, bool grids);
+    Evaluation put_aside();
+    void make(const model::Dynamics<double>& dynamics, Points points, bool starts);
     bool turned_with_an_effect(const Fit& without) const;
-    void look_closer_at_events();
+    void space_events_closer();
     bool near_enough() const;
 
-    LookOptions options_;
+    EvaluationOptions options_;
     KeptColumns kept_;
     BlockOptions block_options_;
     bool driving_ = true, turning_ = false;
     std::optional<double> k7_per_kg_m_;  // held, as nothing drives
     std::size_t blocks_ = 0;
     std::vector<std::size_t> only_;  // these are looked for, or, if none, all
-    int closer_looks_ = 0;
+    int refinements_ = 0;
     double event_spacing_s_ = 0;
-    std::optional<Look> look_, first_;  // first: as it was before anything was looked for
+    std::optional<Evaluation> current_, first_;  // first: as it was before anything was looked for
 };
 
 }  // namespace wheelwright::gap

@@ -14,6 +14,15 @@
 namespace wheelwright::gap {
 namespace {
 
+// Left and right get an amount each from so many standard errors of their difference on.
+constexpr double kApart = 4;
+// Power of a coordinate's column over that of the effect's strongest: less of it is not in the log.
+constexpr double kUnexcited = 1e-4;
+// Share of the squares at where an effect was linearised that a starting point must leave to be preferred.
+constexpr double kCloser = 0.98;
+// Blocks that models are compared on, at least: fewer would have to agree in all their ranks.
+constexpr std::size_t kFewestParting = 8;
+
 // Left and right of one kind, which are equal unless shown unequal: not those
 // that may have either sign, but where nothing turns.
 bool is_pair(std::size_t effect) {
@@ -46,8 +55,8 @@ Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vecto
     }
 }
 
-Members with(Members members, const Way& way) {
-    members.push_back(way);
+Members with(Members members, const Candidate& candidate) {
+    members.push_back(candidate);
     return members;
 }
 Members without(Members members, std::size_t i) {
@@ -55,7 +64,8 @@ Members without(Members members, std::size_t i) {
     return members;
 }
 bool contains(const Members& members, std::size_t effect) {
-    return std::any_of(members.begin(), members.end(), [&](const Way& m) { return m.effect == effect; });
+    return std::any_of(members.begin(), members.end(),
+                       [&](const Candidate& m) { return m.effect == effect; });
 }
 
 Eigen::Index first_amount_of(const Members& members, std::size_t member) {
@@ -90,36 +100,37 @@ bool surely_less(const std::vector<double>& first, const std::vector<double>& se
     for (std::size_t b = 0; b < first.size(); ++b) gain[b] = second[b] - first[b];
     const double sum = std::accumulate(gain.begin(), gain.end(), 0.0);
     const double of = std::accumulate(first.begin(), first.end(), 0.0);
-    return sum > kTrifle * of && surely_positive(gain, kSignificance);
+    return sum > kPolicy.better_by * of && surely_positive(gain, kPolicy.false_alarm);
 }
 
-double least_share(const Members& members, const Way& way) {
-    const bool usual = hypothesis_of(way.effect).in_every_drive_train;
-    return members.size() > 1 && !usual ? kSizeOfInterest : kSizeOfInterestAlone;
+double least_share(const Members& members, const Candidate& candidate) {
+    const bool usual = hypothesis_of(candidate.effect).in_every_drive_train;
+    return members.size() > 1 && !usual ? kPolicy.effect : kPolicy.effect_alone;
 }
 
-std::size_t unknowns(const Way& way) {
-    return way.kind == Way::Kind::linear ? way.amounts.size() : model::kEffects[way.effect].parameters.size();
+std::size_t unknowns(const Candidate& candidate) {
+    return candidate.kind == Candidate::Kind::linear ? candidate.amounts.size()
+                                                     : model::kEffects[candidate.effect].parameters.size();
 }
 
 std::size_t unknowns(const Members& members) {
     std::size_t sum = 0;
-    for (const Way& m : members) sum += unknowns(m);
+    for (const Candidate& m : members) sum += unknowns(m);
     return sum;
 }
 
-std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way) {
-    return {way.kind != Way::Kind::linear, unknowns(way), way.effect};
+std::tuple<bool, std::size_t, std::size_t> simplicity(const Candidate& candidate) {
+    return {candidate.kind != Candidate::Kind::linear, unknowns(candidate), candidate.effect};
 }
 
 void note_point(const Members& members, std::size_t member, const Fit& f, const Setting& setting,
                 Points& points) {
-    const Way& way = members[member];
-    if (way.kind == Way::Kind::linear) return;
-    auto p = parameters_of(way, amounts_in(members, member, f), setting).first;
-    const auto& info = model::kEffects[way.effect].parameters;
+    const Candidate& candidate = members[member];
+    if (candidate.kind == Candidate::Kind::linear) return;
+    auto p = parameters_of(candidate, amounts_in(members, member, f), setting).first;
+    const auto& info = model::kEffects[candidate.effect].parameters;
     for (std::size_t j = 0; j < info.size(); ++j) p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
-    points[way.effect] = p;
+    points[candidate.effect] = p;
 }
 
 Sample::Sample(Blocks of) : blocks(std::move(of)), rest(std::min(kFolds, blocks.size())) {
@@ -139,7 +150,7 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
     : set_(train), options_(options), all_(pointers(train)) {
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!options.base.active[i] && !options.given.contains(i)) continue;
-        const std::vector<Way> all = ways(i);
+        const std::vector<Candidate> all = candidates(i);
         if (all.empty()) continue;
         base_.push_back(all.back());  // a focus is the last
         if (!options.given.contains(i)) continue;
@@ -150,48 +161,48 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
     std::vector<Amount> amounts;
     for (const std::size_t i : usual_friction()) {
         if (contains(base_, i) || excluded(i)) continue;
-        friction_.push_back(ways(i).front());
+        friction_.push_back(candidates(i).front());
         amounts.insert(amounts.end(), friction_.back().amounts.begin(), friction_.back().amounts.end());
     }
     usual_fit_ = fit_beside_friction(all_.blocks, shape_of(base_), amounts);
-    std::erase_if(friction_, [&](const Way& way) { return !excited(way); });
+    std::erase_if(friction_, [&](const Candidate& candidate) { return !excited(candidate); });
     rows_ = row_count(all_.blocks, base_fit_.shape);
     constexpr double kMostOfIt = 0.5;  // more than all others together
     const auto shares = largest_fold_shares(all_.blocks, usual_fit_);
     for (std::size_t e = 0; e < kEquations; ++e) one_tells_[e] = shares[e] > kMostOfIt;
 }
 
-std::vector<Way> Evidence::ways(std::size_t effect) const {
+std::vector<Candidate> Evidence::candidates(std::size_t effect) const {
     const auto [first, end] = options_.dictionary->linear_columns(effect);
     if (first == end) {
-        const std::span<const Way> all = options_.dictionary->ways(effect);
+        const std::span<const Candidate> all = options_.dictionary->candidates(effect);
         return {all.begin(), all.end()};
     }
-    std::vector<Way> made;
+    std::vector<Candidate> made;
     const bool pair = is_pair(effect);
     if (pair && (model::kEffects[effect].parameters[0].minimum >= 0 || !options_.turning)) {
-        Way way;
-        way.effect = effect;
-        way.together = true;
-        way.amounts.push_back({{first, first + 1}});
-        way.coordinate = {0};
-        made.push_back(way);
+        Candidate candidate;
+        candidate.effect = effect;
+        candidate.together = true;
+        candidate.amounts.push_back({{first, first + 1}});
+        candidate.coordinate = {0};
+        made.push_back(candidate);
         if (!options_.turning) return made;
     }
-    Way way;
-    way.effect = effect;
+    Candidate candidate;
+    candidate.effect = effect;
     double most = 0;
     for (int c = first; c < end; ++c) most = std::max(most, set_.wheel_power(c, c));
     for (int c = first; c < end; ++c) {
         if (set_.wheel_power(c, c) <= kUnexcited * most) continue;
-        way.amounts.push_back({{c}});
-        way.coordinate.push_back(static_cast<unsigned>(c - first));
+        candidate.amounts.push_back({{c}});
+        candidate.coordinate.push_back(static_cast<unsigned>(c - first));
     }
-    if (way.amounts.empty()) {
-        way.amounts.push_back({{first}});
-        way.coordinate.push_back(0);
+    if (candidate.amounts.empty()) {
+        candidate.amounts.push_back({{first}});
+        candidate.coordinate.push_back(0);
     }
-    made.push_back(way);
+    made.push_back(candidate);
     return made;
 }
 
@@ -200,7 +211,7 @@ ModelShape Evidence::shape_of(const Members& members) const {
     shape.turning = options_.turning;
     shape.held_gain[kLinear] = options_.k7_per_kg_m;
     shape.amounts.push_back({{Dictionary::kTiming}});
-    for (const Way& m : members) {
+    for (const Candidate& m : members) {
         shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());
         shape.fixed.insert(shape.fixed.end(), m.fixed.begin(), m.fixed.end());
     }
@@ -208,7 +219,7 @@ ModelShape Evidence::shape_of(const Members& members) const {
 }
 
 Fit Evidence::fit(const Sample& sample, const Members& members, Spread spread) const {
-    if (spread == Spread::left_out) return gap::fit({&sample.whole}, shape_of(members), spread);
+    if (spread == Spread::none) return gap::fit({&sample.whole}, shape_of(members), spread);
     return gap::fit(sample.blocks, shape_of(members), spread);
 }
 
@@ -216,10 +227,10 @@ ModelShape Evidence::shape_for_part(const Members& members) const {
     ModelShape shape = shape_of(members);
     if (!one_tells_[kLinear] && !one_tells_[kTurning]) return shape;
     Members usual = members;
-    for (const Way& way : friction_) {
-        if (!contains(members, way.effect)) usual.push_back(way);
+    for (const Candidate& candidate : friction_) {
+        if (!contains(members, candidate.effect)) usual.push_back(candidate);
     }
-    const Fit all = fit(all_, usual, Spread::left_out);
+    const Fit all = fit(all_, usual, Spread::none);
     for (std::size_t e = 0; e < kEquations; ++e) {
         if (one_tells_[e]) shape.held_gain[e] = all.value(gain_of(e));
     }
@@ -227,21 +238,21 @@ ModelShape Evidence::shape_for_part(const Members& members) const {
 }
 
 Fit Evidence::fit_of_part(const Sample& part, const Members& members) const {
-    return gap::fit({&part.whole}, shape_for_part(members), Spread::left_out);
+    return gap::fit({&part.whole}, shape_for_part(members), Spread::none);
 }
 
-std::vector<double> Evidence::left_out(const Sample& sample, const Members& members) const {
+std::vector<double> Evidence::squares_left_out(const Sample& sample, const Members& members) const {
     std::vector<double> each(sample.size());
     const ModelShape shape = shape_for_part(members);
     for (std::size_t fold = 0; fold < sample.rest.size(); ++fold) {
-        const Fit rest = gap::fit({&sample.rest[fold]}, shape, Spread::left_out);
+        const Fit rest = gap::fit({&sample.rest[fold]}, shape, Spread::none);
         for (std::size_t i = fold; i < each.size(); i += kFolds) each[i] = squares(*sample.blocks[i], rest);
     }
     return each;
 }
 
 double Evidence::cross_validated(const Sample& sample, const Members& members) const {
-    const std::vector<double> each = left_out(sample, members);
+    const std::vector<double> each = squares_left_out(sample, members);
     return std::accumulate(each.begin(), each.end(), 0.0);
 }
 
@@ -269,11 +280,11 @@ bool Evidence::excluded(std::size_t effect) const {
     return impossible(effect) || std::find(unnamed.begin(), unnamed.end(), effect) != unnamed.end();
 }
 
-bool Evidence::excited(const Way& way) const {
-    for (const Amount& amount : directions(way)) {
+bool Evidence::excited(const Candidate& candidate) const {
+    for (const Amount& amount : directions(candidate)) {
         for (const int c : amount.columns) {
             if (set_.wheel_power(c, c) > 0)
-                return likeness(all_.blocks, base_usually(), directions(way), {}) < 1;
+                return likeness(all_.blocks, base_usually(), directions(candidate), {}) < 1;
         }
     }
     return false;
@@ -288,14 +299,14 @@ Fit Evidence::base_usually() const {
 
 double Evidence::effect_torque_share(const Members& members, std::size_t member, const Fit& f) const {
     constexpr double kClear = 2;  // of zero, standard errors
-    const Way& way = members[member];
-    const Eigen::Index count = static_cast<Eigen::Index>(way.amounts.size());
+    const Candidate& candidate = members[member];
+    const Eigen::Index count = static_cast<Eigen::Index>(candidate.amounts.size());
     Eigen::MatrixXd columns = Eigen::MatrixXd::Zero(set_.wheel_power.cols(), count);  // of each amount
     for (Eigen::Index i = 0; i < count; ++i) {
-        for (const int c : way.amounts[std::size_t(i)].columns) columns(c, i) += 1;
+        for (const int c : candidate.amounts[std::size_t(i)].columns) columns(c, i) += 1;
     }
     Eigen::VectorXd fixed = Eigen::VectorXd::Zero(columns.rows());
-    for (const int c : way.fixed) fixed(c) += 1;
+    for (const int c : candidate.fixed) fixed(c) += 1;
     const auto power_of = [&](const Eigen::VectorXd& amount) {
         const Eigen::VectorXd p = fixed + columns * amount;
         return p.dot(set_.wheel_power * p);
@@ -316,15 +327,15 @@ double Evidence::effect_torque_share(const Members& members, std::size_t member,
 }
 
 bool Evidence::in_range(const Sample& sample, const Members& members, const Fit& f) const {
-    const Way& way = members.back();
+    const Candidate& candidate = members.back();
     const std::size_t member = members.size() - 1;
-    const auto& info = model::kEffects[way.effect].parameters;
+    const auto& info = model::kEffects[candidate.effect].parameters;
     const Eigen::VectorXd amount = amounts_in(members, member, f);
-    if (way.kind == Way::Kind::linear) {
-        if (!model::kLinearInParameters[way.effect]) return true;
+    if (candidate.kind == Candidate::Kind::linear) {
+        if (!model::kLinearInParameters[candidate.effect]) return true;
         const auto within = [&](const auto& slack) {
             for (Eigen::Index i = 0; i < amount.size(); ++i) {
-                const auto& range = info[way.coordinate[std::size_t(i)]];
+                const auto& range = info[candidate.coordinate[std::size_t(i)]];
                 if (amount(i) < range.minimum - slack(i) || amount(i) > range.maximum + slack(i))
                     return false;
             }
@@ -335,10 +346,10 @@ bool Evidence::in_range(const Sample& sample, const Members& members, const Fit&
         const Eigen::Index first = first_amount_of(members, member);
         return within([&](Eigen::Index i) { return 3 * known.error(first + i); });
     }
-    const auto [p, plausible] = parameters_of(way, amount, options_.dictionary->setting());
+    const auto [p, plausible] = parameters_of(candidate, amount, options_.dictionary->setting());
     if (!plausible) return false;
     for (std::size_t j = 0; j < info.size(); ++j) {
-        const double slack = 0.01 * (std::abs(way.at[j]) + 1e-6);
+        const double slack = 0.01 * (std::abs(candidate.at[j]) + 1e-6);
         if (p[j] < info[j].minimum - slack || p[j] > info[j].maximum + slack) return false;
     }
     return true;
@@ -346,7 +357,7 @@ bool Evidence::in_range(const Sample& sample, const Members& members, const Fit&
 
 double Evidence::probability_of_last(const Sample& sample, const Members& members) const {
     Members tested = members;
-    Way& last = tested.back();
+    Candidate& last = tested.back();
     last.amounts = directions(last);
     last.fixed.clear();
     const Fit f = gap::fit(sample.blocks, shape_for_part(tested), Spread::plain);
@@ -360,31 +371,32 @@ std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members&
                                               const Sample& sample) const {
     std::optional<BestPoint> best;
     double least = std::numeric_limits<double>::infinity();
-    const auto attempt = [&](const Way& way) {
-        const Members more = with(members, way);
-        const Fit f = fit(sample, more, Spread::left_out);
+    const auto attempt = [&](const Candidate& candidate) {
+        const Members more = with(members, candidate);
+        const Fit f = fit(sample, more, Spread::none);
         // a closer look is preferred, for it goes on from where it is
-        const double left = way.kind == Way::Kind::focus ? kCloser * f.squares : f.squares;
-        if (left >= least) return true;
+        const double squares =
+            candidate.kind == Candidate::Kind::linearised ? kCloser * f.squares : f.squares;
+        if (squares >= least) return true;
         if (!in_range(sample, more, f)) return false;
-        least = left;
-        best = {way, f.squares};
+        least = squares;
+        best = {candidate, f.squares};
         return true;
     };
-    for (const Way& way : ways(effect)) {
-        if (attempt(way)) continue;
-        if (const std::optional<Way> open = left_open(way)) attempt(*open);
+    for (const Candidate& candidate : candidates(effect)) {
+        if (attempt(candidate)) continue;
+        if (const std::optional<Candidate> open = left_free(candidate)) attempt(*open);
     }
     return best;
 }
 
 Compared Evidence::compared(const Members& one, const Members& other) const {
-    return compared({left_out(all_, one), left_out(all_, other)}, one, other);
+    return compared({squares_left_out(all_, one), squares_left_out(all_, other)}, one, other);
 }
 
 Compared Evidence::compared(const Compared& all, const Members& one, const Members& other) const {
-    const Fit a = fit(all_, one, Spread::left_out);
-    const Fit b = fit(all_, other, Spread::left_out);
+    const Fit a = fit(all_, one, Spread::none);
+    const Fit b = fit(all_, other, Spread::none);
     std::vector<double> apart(all_.size());
     for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_.blocks[i], a, b);
     std::vector<std::size_t> order(apart.size());
@@ -399,9 +411,9 @@ Compared Evidence::compared(const Compared& all, const Members& one, const Membe
     return parting;
 }
 
-bool Evidence::told_apart(const Members& one, const Members& other) const {
-    const Fit a = fit(all_, one, Spread::left_out);
-    const Fit b = fit(all_, other, Spread::left_out);
+bool Evidence::distinguishes(const Members& one, const Members& other) const {
+    const Fit a = fit(all_, one, Spread::none);
+    const Fit b = fit(all_, other, Spread::none);
     std::vector<double> gain(all_.size());
     std::vector<double> apart(all_.size());
     for (std::size_t i = 0; i < all_.size(); ++i) {
@@ -409,19 +421,19 @@ bool Evidence::told_apart(const Members& one, const Members& other) const {
         gain[i] = squares(block, b) - squares(block, a);
         apart[i] = squares_apart(block, a, b);
     }
-    return surely_as_foretold(gain, apart, squares(all_.blocks, a) / rows_, kToldApart);
+    return surely_as_predicted(gain, apart, squares(all_.blocks, a) / rows_, kPolicy.better);
 }
 
 bool Evidence::better(const Members& one, const Members& other) const {
     const auto [first, second] = compared(one, other);
-    return surely_less(first, second) || told_apart(one, other);
+    return surely_less(first, second) || distinguishes(one, other);
 }
 
 std::vector<Members> Evidence::others_for(const Members& fewer) const {
     std::vector<Members> all{fewer};
     Members apart = fewer;
-    for (Way& m : apart) {
-        if (m.together && options_.turning) m = ways(m.effect).back();
+    for (Candidate& m : apart) {
+        if (m.together && options_.turning) m = candidates(m.effect).back();
     }
     if (unknowns(apart) > unknowns(fewer)) all.push_back(apart);
     return all;

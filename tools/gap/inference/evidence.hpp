@@ -15,12 +15,17 @@
 
 namespace wheelwright::gap {
 
+// Likeness in a log above which no log like it separates two effects.
+inline constexpr double kConfounded = 0.999;
+// Share of the power that columns have in a block where they have most, below which they do not act there.
+inline constexpr double kActs = 0.02;
+
 // A fit with these in it as far as they come out as friction; one that drives is none.
 Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions);
 
 // Ways in which effects enter the model, in the order of their amounts in a fit; one of each effect at most.
-using Members = std::vector<Way>;
-Members with(Members members, const Way& way);
+using Members = std::vector<Candidate>;
+Members with(Members members, const Candidate& candidate);
 Members without(Members members, std::size_t i);
 bool contains(const Members& members, std::size_t effect);
 
@@ -37,14 +42,14 @@ void note_point(const Members& members, std::size_t member, const Fit& fit, cons
                 Points& points);
 
 // Of the torque, that the torque of the members' last is to be.
-double least_share(const Members& members, const Way& way);
+double least_share(const Members& members, const Candidate& candidate);
 
 // Parameters to choose.
-std::size_t unknowns(const Way& way);
+std::size_t unknowns(const Candidate& candidate);
 std::size_t unknowns(const Members& members);
 
 // Linear in its parameters first, then fewer unknowns, then the catalogue's order.
-std::tuple<bool, std::size_t, std::size_t> simplicity(const Way& way);
+std::tuple<bool, std::size_t, std::size_t> simplicity(const Candidate& candidate);
 
 // The amounts at `at` and behind it differ by more than chance; the variance of their difference.
 bool apart(const Fit& fit, Eigen::Index at);
@@ -74,7 +79,7 @@ struct Sample {
 // A way of an effect, and what a fit with it leaves of the blocks that it was fitted to. Left out of the fit
 // they can but leave more.
 struct BestPoint {
-    Way way;
+    Candidate candidate;
     double squares;
 };
 
@@ -97,12 +102,12 @@ class Evidence {
     double rows() const { return rows_; }
 
     // The ways in which an effect may enter; those with fewer unknowns first.
-    std::vector<Way> ways(std::size_t effect) const;
+    std::vector<Candidate> candidates(std::size_t effect) const;
     // Known not to be there; and also what is not to be named.
     bool impossible(std::size_t effect) const;
     bool excluded(std::size_t effect) const;
     // This log holds something of it.
-    bool excited(const Way& way) const;
+    bool excited(const Candidate& candidate) const;
 
     ModelShape shape_of(const Members& members) const;
     // Costs as much as any fit (fit.hpp); what judges below costs some of them.
@@ -112,7 +117,7 @@ class Evidence {
     Fit fit_of_part(const Sample& part, const Members& members) const;
 
     // Squares of each block, left out of the fit; and their sum.
-    std::vector<double> left_out(const Sample& sample, const Members& members) const;
+    std::vector<double> squares_left_out(const Sample& sample, const Members& members) const;
     double cross_validated(const Sample& sample, const Members& members) const;
     // What a model with free coefficients for everything smooth leaves, on blocks it was not fitted to.
     double reach(const Sample& sample, const Members& members) const;
@@ -133,7 +138,7 @@ class Evidence {
     Compared compared(const Members& one, const Members& other) const;
     Compared compared(const Compared& all, const Members& one, const Members& other) const;
     // One model is true rather than the other, by all that they foretell.
-    bool told_apart(const Members& one, const Members& other) const;
+    bool distinguishes(const Members& one, const Members& other) const;
     // Surely one rather than the other, by either.
     bool better(const Members& one, const Members& other) const;
 

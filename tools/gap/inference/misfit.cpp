@@ -103,23 +103,24 @@ Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, con
 
 std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
                                             std::span<const int> shapes) {
-    constexpr double kMost = kSignificance / double(model::kEffectCount);
+    constexpr double kMost = kPolicy.false_alarm / double(model::kEffectCount);
     double most = kMost;
     std::optional<std::size_t> least_sure;
     Eigen::Index at = kFirstAmount + 1;  // after the timing
     for (std::size_t i = 0; i < found.members.size(); ++i) {
-        const Way& way = found.members[i];
+        const Candidate& candidate = found.members[i];
         const auto first = at;
-        const auto had = static_cast<std::ptrdiff_t>(way.amounts.size());
+        const auto had = static_cast<std::ptrdiff_t>(candidate.amounts.size());
         at += had;
-        const Hypothesis& hypothesis = hypothesis_of(way.effect);
+        const Hypothesis& hypothesis = hypothesis_of(candidate.effect);
         if (i < found.base_members || hypothesis.in_every_drive_train || hypothesis.late) continue;
         // one at a point is taken as a whole for it
-        const std::vector<Amount> whole = directions(way);
+        const std::vector<Amount> whole = directions(candidate);
         ModelShape shape = found.after.shape;
         const auto begin = shape.amounts.begin() + (first - kFirstAmount);
         shape.amounts.insert(shape.amounts.erase(begin, begin + had), whole.begin(), whole.end());
-        for (const int c : way.fixed) shape.fixed.erase(std::find(shape.fixed.begin(), shape.fixed.end(), c));
+        for (const int c : candidate.fixed)
+            shape.fixed.erase(std::find(shape.fixed.begin(), shape.fixed.end(), c));
         const auto n = static_cast<Eigen::Index>(whole.size());
         const double degrees = std::max(1.0, double(set.blocks.size()) - 4 - double(n));
         const auto probability_of = [&](const Fit& f, const Eigen::MatrixXd& covariance) {
@@ -134,7 +135,7 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         });
         if (in_all || !(probability > most)) continue;
         most = probability;
-        least_sure = way.effect;
+        least_sure = candidate.effect;
     }
     return least_sure;
 }

@@ -1,8 +1,8 @@
-// What a search leaves: whether the rest depends on a place of places.hpp, and what that changes of the
-// verdict.
+// What a search leaves: whether that depends on a place of places.hpp, and what follows for the verdict.
 #pragma once
 
 #include <span>
+#include <vector>
 
 #include "tools/gap/inference/search.hpp"
 #include "tools/gap/inference/sensor_evidence.hpp"
@@ -19,8 +19,11 @@ struct ResidualOptions {
     bool turning = true;
 };
 
-// Sets the places. What depends on one, by more than chance and by enough, is not explained by what was
-// named: then the verdict is `unexplained`, with the reason. Costs a pass over the training parts.
-void judge_residual(Search& search, const ResidualOptions& options);
+struct Residual {
+    std::vector<Place> where;
+    Conclusion conclusion;  // the search's, as the places leave it
+};
+// Costs a pass over the training parts.
+Residual residual_of(const Search& search, const ResidualOptions& options);
 
 }  // namespace wheelwright::gap

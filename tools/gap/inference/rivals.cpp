@@ -6,7 +6,8 @@
 
 namespace wheelwright::gap {
 
-void name_unmeasured(std::vector<NamedEffect>& effects, std::span<const std::size_t> excluded) {
+std::vector<NamedEffect> with_unmeasured_rivals(std::vector<NamedEffect> effects,
+                                                std::span<const std::size_t> excluded) {
     for (NamedEffect& e : effects) {
         for (const Confounder& confounder : hypothesis_of(e.effect).unless_measured) {
             if (e.torque_share < confounder.least_torque_share) continue;
@@ -16,15 +17,16 @@ void name_unmeasured(std::vector<NamedEffect>& effects, std::span<const std::siz
             std::erase_if(e.rivals, is_rival);
             std::erase_if(e.ruled_out, is_rival);
             if (std::find(excluded.begin(), excluded.end(), rival.effect) != excluded.end()) continue;
-            rival.alike = true;
+            rival.confounded = true;
             rival.measurement = confounder.measurement;
             rival.keeps = 1;
             e.rivals.push_back(rival);
         }
     }
+    return effects;
 }
 
-void advise_motions(std::vector<NamedEffect>& effects, Confusion robot) {
+std::vector<NamedEffect> with_motions(std::vector<NamedEffect> effects, Confusion robot) {
     for (NamedEffect& e : effects) {
         for (Rival& r : e.rivals) {
             if (!r.measurement.empty()) continue;
@@ -35,6 +37,7 @@ void advise_motions(std::vector<NamedEffect>& effects, Confusion robot) {
             r.motion_size_Nm = found.size_Nm;
         }
     }
+    return effects;
 }
 
 }  // namespace wheelwright::gap

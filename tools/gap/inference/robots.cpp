@@ -8,6 +8,7 @@
 
 #include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
+#include "tools/gap/inference/outcome.hpp"
 #include "tools/gap/model/output_error.hpp"
 
 namespace wheelwright::gap {
@@ -54,37 +55,40 @@ model::Dynamics<double> whole_dynamics(const Search& search, bool turning, doubl
     return k;
 }
 
-SimulatedRobot robot_of(const std::vector<Way>& members, const Fit& fit, const Setting& setting,
+SimulatedRobot robot_of(const std::vector<Candidate>& members, const Fit& fit, const Setting& setting,
                         bool turning) {
     return {setting.geometry, dynamics_of(fit, turning, setting.geometry.track_m),
             effects_of(members, fit, setting), turning};
 }
 
-std::vector<Way> base_members(const Search& search) {
+std::vector<Candidate> base_members(const Search& search) {
     return {search.members.begin(), search.members.begin() + std::ptrdiff_t(search.base_members)};
 }
 
-void refine(Search& search, std::span<const LogPart> parts, const Setting& setting, bool turning,
-            double speed_rms_rad_per_s) {
+Search refined(const Search& search, std::span<const LogPart> parts, const Setting& setting, bool turning,
+               double speed_rms_rad_per_s) {
     // What has a state of its own (a castor's direction, a gap's side) cannot start in the middle of a log.
-    const bool stateless = std::all_of(search.members.begin(), search.members.end(),
-                                       [](const Way& way) { return way.kind == Way::Kind::linear; });
-    if (!stateless) return;
+    const bool stateless =
+        std::all_of(search.members.begin(), search.members.end(),
+                    [](const Candidate& candidate) { return candidate.kind == Candidate::Kind::linear; });
+    if (!stateless) return search;
     const std::vector<Stretch> shots = stretches(parts, kShot_s, setting.geometry);
-    const auto refined = [&](const Fit& weak, const std::vector<Way>& members) {
+    const auto by_free_run = [&](const Fit& weak, const std::vector<Candidate>& members) {
         return refine_by_free_run(weak, shots, kSmall * speed_rms_rad_per_s, [&](const Fit& trial) {
             return robot_of(members, trial, setting, turning);
         });
     };
-    if (const std::optional<Refined> base = refined(search.base, base_members(search)))
-        search.base = base->fit;
+    Search result = search;
+    if (const std::optional<Refined> base = by_free_run(search.base, base_members(search)))
+        result.base = base->fit;
     if (search.effects.empty()) {
-        search.after = search.base;
-    } else if (const std::optional<Refined> after = refined(search.after, search.members)) {
-        search.after = after->fit;
-        take_refined(search, setting);
+        result.after = result.base;
+    } else if (const std::optional<Refined> after = by_free_run(search.after, search.members)) {
+        result.after = after->fit;
+        result.effects = described_anew(result, setting);
     }
-    search.unknowable = unknowable(search.after, turning);
+    result.unknowable = unknowable(result.after, turning);
+    return result;
 }
 
 std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
@@ -118,19 +122,19 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
         if (hypothesis_of(search.members[i].effect).in_every_drive_train) continue;
         // held against a drive train with its usual friction, where it has taken the place of that
         Members fewer = without(search.members, i);
-        for (const Way& way : search.friction) {
-            if (!contains(fewer, way.effect)) fewer.push_back(way);
+        for (const Candidate& candidate : search.friction) {
+            if (!contains(fewer, candidate.effect)) fewer.push_back(candidate);
         }
         const bool instead = fewer.size() >= search.members.size();
         ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning, {}};
-        for (const Way& way : fewer) {
-            shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
-            shape.fixed.insert(shape.fixed.end(), way.fixed.begin(), way.fixed.end());
+        for (const Candidate& candidate : fewer) {
+            shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
+            shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
         }
         if (!with_all) with_all = missed(search.members, search.after);
-        const double without_it = missed(fewer, fit(train, shape, Spread::left_out));
+        const double without_it = missed(fewer, fit(train, shape, Spread::none));
         // one that runs away is no number; friction in its place is likelier, unless it does better
-        if (std::isfinite(without_it) && !(*with_all < (instead ? 1 : 1 + kTrifle) * without_it))
+        if (std::isfinite(without_it) && !(*with_all < (instead ? 1 : 1 + kPolicy.better_by) * without_it))
             return search.members[i].effect;
     }
     return std::nullopt;
@@ -142,11 +146,12 @@ Fit nominal_fit(const Search& search, const model::RobotParameters& robot) {
     const model::Dynamics<double>& k = robot.dynamics;
     nominal.value.head<4>() << k.k5_m, k.k6_per_m, k.k7_per_kg_m, k.k8_per_kg_m2;
     Eigen::Index at = kFirstOfMembers;
-    for (const Way& way : base_members(search)) {
-        const model::Parameters<double> c = coordinates_of(way.effect, robot.effects.parameter[way.effect]);
-        for (std::size_t i = 0; i < way.amounts.size(); ++i, ++at) {
+    for (const Candidate& candidate : base_members(search)) {
+        const model::Parameters<double> c =
+            coordinates_of(candidate.effect, robot.effects.parameter[candidate.effect]);
+        for (std::size_t i = 0; i < candidate.amounts.size(); ++i, ++at) {
             // a point is the robot file's own
-            if (way.kind == Way::Kind::linear) nominal.value(at) = c[way.coordinate[i]];
+            if (candidate.kind == Candidate::Kind::linear) nominal.value(at) = c[candidate.coordinate[i]];
         }
     }
     return nominal;

@@ -18,25 +18,25 @@ model::Dynamics<double> dynamics_of(const Fit& fit, bool turning, double track_m
 model::Dynamics<double> whole_dynamics(const Search& search, bool turning, double track_m);
 
 // `setting`: of the dictionary that the fit's columns are from.
-SimulatedRobot robot_of(const std::vector<Way>& members, const Fit& fit, const Setting& setting,
+SimulatedRobot robot_of(const std::vector<Candidate>& members, const Fit& fit, const Setting& setting,
                         bool turning);
 
 // Of `members`, those that the model had before the search.
-std::vector<Way> base_members(const Search& search);
+std::vector<Candidate> base_members(const Search& search);
 
 // Noise in the measured speeds stands in the weak form's regressors too, and may lead it astray. Where free
-// runs over the parts miss much, they have the last word, if that is clearly better: sets `base`, `after` and
-// the named effects' parameters; also `unknowable`. Costs what output_error.hpp says, twice.
-void refine(Search& search, std::span<const LogPart> parts, const Setting& setting, bool turning,
-            double speed_rms_rad_per_s);
+// runs over the parts miss much, they have the last word, if that is clearly better: `base`, `after`, the
+// named effects' parameters and `unknowable` are then theirs. Costs what output_error.hpp says, twice.
+Search refined(const Search& search, std::span<const LogPart> parts, const Setting& setting, bool turning,
+               double speed_rms_rad_per_s);
 
-// The robot file's own numbers in the place of the base's.
 // An effect that was found, is no friction that every drive train may have, and without which the simulated
 // robot drives as close to the logs it was found in; none: there is none. `train`: what the search worked on.
 std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
                                                  std::span<const LogPart> parts, const Setting& setting,
                                                  bool turning);
 
+// The robot file's own numbers in the place of the base's.
 Fit nominal_fit(const Search& search, const model::RobotParameters& robot);
 
 }  // namespace wheelwright::gap

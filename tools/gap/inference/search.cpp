@@ -13,6 +13,10 @@
 namespace wheelwright::gap {
 namespace {
 
+constexpr std::size_t kMostEffects = 4;
+// Blocks in which an effect acts: fewer are no reason to leave the others out.
+constexpr std::size_t kFewestActing = 5;
+
 class Searcher {
   public:
     Searcher(const BlockSet& train, const SearchOptions& options)
@@ -41,7 +45,7 @@ class Searcher {
         // the floor again, from the fuller model: what both leave
         result_.floor = std::min({result_.floor, floor_of(members_), result_.gap_after});
         result_.closable_torque_share = evidence_.torque_share(result_.gap_refit - result_.floor);
-        result_.left_torque_share = evidence_.torque_share(result_.gap_after - result_.floor);
+        result_.residual_torque_share = evidence_.torque_share(result_.gap_after - result_.floor);
         result_.members = members_;
         result_.detectable = detectable(evidence_, members_);
         try_all();
@@ -51,7 +55,7 @@ class Searcher {
         result_.unknowable = unknowable(result_.after, evidence_.options().turning);
         result_.timing_samples = result_.after.value(kFirstAmount);
         result_.timing_error = result_.after.error(kFirstAmount);
-        judge(evidence_, result_);
+        result_.conclusion = conclude(result_.effects, gaps());
         return result_;
     }
 
@@ -65,6 +69,12 @@ class Searcher {
         return some;
     }
 
+    Gaps gaps() const {
+        const bool beyond = result_.effects.empty() && evidence_.options().white_noise;
+        return {result_.closable_torque_share, result_.residual_torque_share,
+                beyond ? beyond_noise_share(all_.blocks, result_.after) : 0.0, evidence_.options().large_gap};
+    }
+
     double floor_of(const Members& members) const {
         return std::min(evidence_.reach(all_, members) / evidence_.rows(), result_.gap_refit);
     }
@@ -72,12 +82,13 @@ class Searcher {
     // An effect of which this log holds something, and that the model does not have.
     bool usable(std::size_t effect) const {
         if (contains(members_, effect) || evidence_.excluded(effect)) return false;
-        const std::vector<Way> all = evidence_.ways(effect);
-        return std::any_of(all.begin(), all.end(), [&](const Way& way) { return evidence_.excited(way); });
+        const std::vector<Candidate> all = evidence_.candidates(effect);
+        return std::any_of(all.begin(), all.end(),
+                           [&](const Candidate& candidate) { return evidence_.excited(candidate); });
     }
 
     struct Trial {
-        Way way{};
+        Candidate candidate{};
         double gain = 0;  // held-out, on the blocks that select
         double probability = 1, rank_probability = 1;
         std::size_t rank_blocks = 0;  // that the latter is from
@@ -86,9 +97,9 @@ class Searcher {
 
     // The blocks' gains without those in which an effect hardly acts: scrub while the robot goes straight.
     static std::vector<double> where_it_acts(const std::vector<double>& gain, const Blocks& blocks,
-                                             const Way& way) {
+                                             const Candidate& candidate) {
         std::vector<double> power(blocks.size());
-        for (const Amount& amount : directions(way)) {
+        for (const Amount& amount : directions(candidate)) {
             for (const int a : amount.columns) {
                 for (const int b : amount.columns) {
                     for (std::size_t i = 0; i < blocks.size(); ++i) {
@@ -108,34 +119,35 @@ class Searcher {
     // What a trial is held against: the model without it, on the blocks that select.
     struct Without {
         Members members;
-        std::vector<double> left;  // of each block, left out
+        std::vector<double> squares;  // of each block, left out
         Fit fit;
     };
     Without fitted_without(const Members& members) const {
-        return {members, evidence_.left_out(select_, members), evidence_.fit_of_part(select_, members)};
+        return {members, evidence_.squares_left_out(select_, members),
+                evidence_.fit_of_part(select_, members)};
     }
 
     Trial attempt(std::size_t effect, const Without& bare) const {
         const auto [first, end] = evidence_.dictionary().linear_columns(effect);
-        std::vector<Way> tried;
+        std::vector<Candidate> tried;
         if (first == end) {
             const auto best = evidence_.best_point(effect, bare.members, select_);
-            if (best) tried.push_back(best->way);
+            if (best) tried.push_back(best->candidate);
         } else {
-            tried = evidence_.ways(effect);
+            tried = evidence_.candidates(effect);
         }
         Trial best;
-        best.way.effect = effect;
-        for (const Way& way : tried) {
+        best.candidate.effect = effect;
+        for (const Candidate& candidate : tried) {
             Trial t;
-            t.way = way;
-            const Members more = with(bare.members, way);
+            t.candidate = candidate;
+            const Members more = with(bare.members, candidate);
             const std::size_t last = more.size() - 1;
-            std::vector<double> gain = bare.left;
-            const std::vector<double> after = evidence_.left_out(select_, more);
+            std::vector<double> gain = bare.squares;
+            const std::vector<double> after = evidence_.squares_left_out(select_, more);
             for (std::size_t i = 0; i < gain.size(); ++i) gain[i] -= after[i];
             t.gain = std::accumulate(gain.begin(), gain.end(), 0.0);
-            const std::vector<double> acting = where_it_acts(gain, select_.blocks, way);
+            const std::vector<double> acting = where_it_acts(gain, select_.blocks, candidate);
             t.rank_probability = signed_rank_probability(gain);
             t.rank_blocks = gain.size();
             if (acting.size() >= kFewestActing && signed_rank_probability(acting) < t.rank_probability) {
@@ -145,7 +157,8 @@ class Searcher {
             const Fit selected = evidence_.fit_of_part(select_, more);
             if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
             t.in_range = evidence_.in_range(select_, more, selected);
-            t.of_interest = evidence_.effect_torque_share(more, last, selected) >= least_share(more, way);
+            t.of_interest =
+                evidence_.effect_torque_share(more, last, selected) >= least_share(more, candidate);
             t.confirmed = confirmed(bare.fit, selected);
             // one amount for both unless two are clearly apart
             if (tried.size() == 1 || best.gain == 0 ||
@@ -160,11 +173,11 @@ class Searcher {
     // of something that is not there they lose as much.
     bool confirmed(const Fit& without_it, const Fit& with_it) const {
         if (confirm_.empty()) return true;
-        const double left = squares(confirm_, with_it);
-        double foretold = 0;
-        for (const Block* b : confirm_) foretold += squares_apart(*b, without_it, with_it);
-        const double variance = left / row_count(confirm_, with_it.shape);
-        return squares(confirm_, without_it) - left > foretold / 3 - 2 * std::sqrt(variance * foretold);
+        const double residual = squares(confirm_, with_it);
+        double predicted = 0;
+        for (const Block* b : confirm_) predicted += squares_apart(*b, without_it, with_it);
+        const double variance = residual / row_count(confirm_, with_it.shape);
+        return squares(confirm_, without_it) - residual > predicted / 3 - 2 * std::sqrt(variance * predicted);
     }
 
     // Among those that do the same in every motion of this log: linear in its
@@ -174,8 +187,9 @@ class Searcher {
         const Fit bare = evidence_.fit(all_, members_);
         for (const Trial& t : trials) {
             if (!t.in_range || t.gain < 0.9 * chosen.gain) continue;
-            if (simplicity(t.way) < simplicity(best->way) &&
-                likeness(all_.blocks, bare, directions(chosen.way), directions(t.way)) > kAlike) {
+            if (simplicity(t.candidate) < simplicity(best->candidate) &&
+                likeness(all_.blocks, bare, directions(chosen.candidate), directions(t.candidate)) >
+                    kConfounded) {
                 best = &t;
             }
         }
@@ -185,20 +199,20 @@ class Searcher {
     // On the blocks that select, whatever the others say.
     bool sure(const Trial& t, std::size_t tested) const {
         // by one test after Holm, and by the other at least alone; few blocks have few ranks
-        const double level = members_.empty() ? kSignificanceAlone : kSignificance;
+        const double level = members_.empty() ? kPolicy.first_false_alarm : kPolicy.false_alarm;
         const double strict = level / double(tested);
         const double rank = std::max(level, std::pow(0.5, double(t.rank_blocks)) * 1.001);
         const bool significant = (t.probability <= strict && t.rank_probability <= rank) ||
                                  (t.probability <= level && t.rank_probability <= strict);
         return significant && t.in_range && t.of_interest && t.gain > 0 &&
-               t.gain >= kLeastShareOfAll * closable_at_first_;
+               t.gain >= kPolicy.share_of_first_gap * closable_at_first_;
     }
 
     bool acceptable(const Trial& t, std::size_t tested, double closable) const {
         const auto& earlier = evidence_.options().confirmed;
         const bool confirmed =
-            t.confirmed || std::find(earlier.begin(), earlier.end(), t.way.effect) != earlier.end();
-        return sure(t, tested) && confirmed && t.gain >= kLeastShareOfClosable * closable;
+            t.confirmed || std::find(earlier.begin(), earlier.end(), t.candidate.effect) != earlier.end();
+        return sure(t, tested) && confirmed && t.gain >= kPolicy.share_of_gap * closable;
     }
 
     double closable() const {
@@ -221,8 +235,8 @@ class Searcher {
                 const double probability =
                     evidence_.probability_of_last(select_, with(without(members_, i), members_[i]));
                 probability_[members_[i].effect] = probability;
-                const bool there = probability <= kSuperfluous && t.in_range && t.of_interest;
-                sure = sure || (there && probability <= kSignificance);
+                const bool there = probability <= kPolicy.kept && t.in_range && t.of_interest;
+                sure = sure || (there && probability <= kPolicy.false_alarm);
                 if (there || (least && t.gain >= least_gain)) continue;
                 least = i;
                 least_gain = t.gain;
@@ -237,18 +251,20 @@ class Searcher {
 
     // Friction that another effect has taken the place of may be there beside it.
     void put_friction_back() {
-        for (const Way& way : evidence_.friction()) {
-            if (contains(members_, way.effect)) continue;
-            const Members more = with(members_, way);
+        for (const Candidate& candidate : evidence_.friction()) {
+            if (contains(members_, candidate.effect)) continue;
+            const Members more = with(members_, candidate);
             const double probability = evidence_.probability_of_last(all_, more);
-            if (probability > kSuperfluous || !evidence_.in_range(all_, more, evidence_.fit(all_, more)))
+            if (probability > kPolicy.kept || !evidence_.in_range(all_, more, evidence_.fit(all_, more)))
                 continue;
-            probability_[way.effect] = probability;
+            probability_[candidate.effect] = probability;
             members_ = more;
         }
     }
 
-    bool is_friction(const Way& way) const { return contains(evidence_.friction(), way.effect); }
+    bool is_friction(const Candidate& candidate) const {
+        return contains(evidence_.friction(), candidate.effect);
+    }
 
     void forward() {
         while (members_.size() - base_members_ < kMostEffects) {
@@ -266,13 +282,13 @@ class Searcher {
             });
             if (chosen != trials.end()) {
                 const Trial* simplest = simplest_equal(trials, *chosen);
-                probability_[simplest->way.effect] = simplest->probability;
-                members_.push_back(simplest->way);
+                probability_[simplest->candidate.effect] = simplest->probability;
+                members_.push_back(simplest->candidate);
                 take_apart();
             } else if (const double missing = std::max(closable, trials.front().gain);
                        evidence_.torque_share(missing / row_count(select_.blocks, result_.base.shape)) <
-                       kLargeGap) {
-                note_leads(trials, kSureLead);
+                       kPolicy.gap) {
+                note_leads(trials, kPolicy.lead);
                 break;
             } else if (!add_two(trials, closable)) {
                 note_leads(trials, 1);
@@ -287,12 +303,12 @@ class Searcher {
     // surer.
     void note_leads(const std::vector<Trial>& trials, double probability) {
         for (const Trial& t : trials) {
-            if (t.probability > probability || t.way.kind != Way::Kind::grid ||
-                !evidence_.dictionary().can_focus(t.way.effect) || !sure(t, trials.size())) {
+            if (t.probability > probability || t.candidate.kind != Candidate::Kind::start ||
+                !evidence_.dictionary().can_linearise(t.candidate.effect) || !sure(t, trials.size())) {
                 continue;
             }
-            const Members more = with(members_, t.way);
-            note(more, more.size() - 1, evidence_.fit(select_, more, Spread::left_out));
+            const Members more = with(members_, t.candidate);
+            note(more, more.size() - 1, evidence_.fit(select_, more, Spread::none));
         }
     }
 
@@ -301,7 +317,7 @@ class Searcher {
         for (std::size_t i = 0; i < members_.size(); ++i) {
             if (!members_[i].together || !evidence_.options().turning) continue;
             Members other = members_;
-            other[i] = evidence_.ways(members_[i].effect).back();
+            other[i] = evidence_.candidates(members_[i].effect).back();
             if (other[i].amounts.size() != 2) continue;
             const Fit f = evidence_.fit(select_, other);
             if (apart(f, first_amount_of(other, i)) &&
@@ -325,27 +341,28 @@ class Searcher {
         for (std::size_t i = 0; i < std::min(kLeaders, trials.size()); ++i) {
             const Trial& leader = trials[i];
             if (!leader.in_range || leader.gain <= 0) continue;
-            const Without bare = fitted_without(with(members_, leader.way));
+            const Without bare = fitted_without(with(members_, leader.candidate));
             for (const Trial& t : trials) {
-                if (t.way.effect == leader.way.effect) continue;
-                const Trial other = attempt(t.way.effect, bare);
+                if (t.candidate.effect == leader.candidate.effect) continue;
+                const Trial other = attempt(t.candidate.effect, bare);
                 const double gain = leader.gain + other.gain;
                 if (members_.size() == base_members_ && other.in_range && gain > most) {
                     most = gain;
-                    result_.guess = evidence_.fit(all_, with(with(members_, leader.way), other.way));
+                    result_.guess =
+                        evidence_.fit(all_, with(with(members_, leader.candidate), other.candidate));
                 }
-                if (acceptable(other, trials.size(), 0) && gain >= kLeastShareOfClosable * closable)
+                if (acceptable(other, trials.size(), 0) && gain >= kPolicy.share_of_gap * closable)
                     pairs.push_back({&leader, other, gain});
             }
         }
         std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) { return a.gain > b.gain; });
         for (const Pair& pair : pairs) {
             const Trial leader =
-                attempt(pair.leader->way.effect, fitted_without(with(members_, pair.other.way)));
+                attempt(pair.leader->candidate.effect, fitted_without(with(members_, pair.other.candidate)));
             if (!acceptable(leader, trials.size(), 0)) continue;
             for (const Trial* t : {&leader, &pair.other}) {
-                probability_[t->way.effect] = t->probability;
-                members_.push_back(t->way);
+                probability_[t->candidate.effect] = t->probability;
+                members_.push_back(t->candidate);
             }
             return true;
         }
@@ -358,13 +375,14 @@ class Searcher {
         for (std::size_t i = base_members_; i < members_.size();) {
             const Fit f = evidence_.fit(all_, members_);
             const Members fewer = without(members_, i);
-            const double left = evidence_.cross_validated(all_, fewer);
-            const double gain = left - evidence_.cross_validated(all_, members_);
-            const bool much =
-                gain > kLeastShareOfClosable * (left - std::min(left, result_.floor * evidence_.rows()));
-            const bool little = !is_friction(members_[i]) && gain < kLeastShareOfAll * closable_at_first_;
+            const double residual = evidence_.cross_validated(all_, fewer);
+            const double gain = residual - evidence_.cross_validated(all_, members_);
+            const bool much = gain > kPolicy.share_of_gap *
+                                         (residual - std::min(residual, result_.floor * evidence_.rows()));
+            const bool little =
+                !is_friction(members_[i]) && gain < kPolicy.share_of_first_gap * closable_at_first_;
             const bool needed = !little && (much || evidence_.probability_of_last(
-                                                        all_, with(fewer, members_[i])) <= kSuperfluous);
+                                                        all_, with(fewer, members_[i])) <= kPolicy.kept);
             if (needed &&
                 evidence_.effect_torque_share(members_, i, f) >= least_share(members_, members_[i])) {
                 ++i;
@@ -392,8 +410,8 @@ class Searcher {
         for (std::size_t i = base_members_; i < members_.size(); ++i) {
             const Members fewer = without(members_, i);
             if (const auto best = evidence_.best_point(members_[i].effect, fewer, all_);
-                best && members_[i].kind != Way::Kind::linear) {
-                members_[i] = best->way;
+                best && members_[i].kind != Candidate::Kind::linear) {
+                members_[i] = best->candidate;
             }
             const double bare = evidence_.cross_validated(all_, fewer);
             Members held = with(fewer, members_[i]);
@@ -402,19 +420,19 @@ class Searcher {
             for (std::size_t r = 0; r < model::kEffectCount; ++r) {
                 if (r == general || contains(fewer, r) || evidence_.excluded(r)) continue;
                 for (const Members& others : evidence_.others_for(fewer)) {
-                    const double most = mine + 4 * kTied * (bare - mine);
+                    const double most = mine + kPolicy.share_of_gap * (bare - mine);
                     const auto best = evidence_.best_point(r, others, all_);
-                    if (!best || best->squares > most || !evidence_.excited(best->way)) continue;
-                    const Members taken = with(others, best->way);
+                    if (!best || best->squares > most || !evidence_.excited(best->candidate)) continue;
+                    const Members taken = with(others, best->candidate);
                     const double sum = evidence_.cross_validated(all_, taken);
                     if (sum > most) continue;
                     const bool simpler = unknowns(others) <= unknowns(fewer) &&
-                                         simplicity(best->way) < simplicity(held.back());
+                                         simplicity(best->candidate) < simplicity(held.back());
                     const bool held_better = evidence_.better(held, taken);
                     // every drive train may have friction: what goes for it must explain much that it leaves
                     const bool much =
                         !is_friction(held.back()) ||
-                        mine - sum >= kLeastShareOfClosable * (mine - result_.floor * evidence_.rows());
+                        mine - sum >= kPolicy.share_of_gap * (mine - result_.floor * evidence_.rows());
                     if (simpler ? !held_better
                                 : much && evidence_.better(taken, held) && !held_better && sum < mine) {
                         held = taken;
@@ -446,8 +464,8 @@ class Searcher {
             if (contains(members_, r) || evidence_.excluded(r)) continue;
             for (const Members& others : evidence_.others_for(fewer)) {
                 const auto best = evidence_.best_point(r, others, all_);
-                if (!best || best->squares >= mine || !evidence_.excited(best->way)) continue;
-                const Members taken = with(others, best->way);
+                if (!best || best->squares >= mine || !evidence_.excited(best->candidate)) continue;
+                const Members taken = with(others, best->candidate);
                 const double sum = evidence_.cross_validated(all_, taken);
                 if (!(sum < mine) || evidence_.better(held, taken)) continue;
                 held = taken;
@@ -467,12 +485,12 @@ class Searcher {
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
             if (contains(evidence_.base(), i) || evidence_.impossible(i)) continue;
             const auto gain = [&](Members beside, Tried& tried) {
-                std::erase_if(beside, [&](const Way& way) { return way.effect == i; });
+                std::erase_if(beside, [&](const Candidate& candidate) { return candidate.effect == i; });
                 const auto best = evidence_.best_point(i, beside, all_);
-                if (!best || !evidence_.excited(best->way)) return 0.0;
-                tried.unknowns = unknowns(best->way);
+                if (!best || !evidence_.excited(best->candidate)) return 0.0;
+                tried.unknowns = unknowns(best->candidate);
                 return evidence_.rows() *
-                       std::log(evidence_.fit(all_, beside, Spread::left_out).squares / best->squares);
+                       std::log(evidence_.fit(all_, beside, Spread::none).squares / best->squares);
             };
             Tried tried;
             tried.effect = i;
@@ -499,22 +517,6 @@ class Searcher {
 
 }  // namespace
 
-const char* verdict_name(Verdict verdict) {
-    switch (verdict) {
-        case Verdict::named:
-            return "named";
-        case Verdict::nothing_missing:
-            return "nothing_missing";
-        case Verdict::cannot_tell:
-            return "cannot_tell";
-        case Verdict::unexplained:
-            return "unexplained";
-        case Verdict::unusable_log:
-            return "unusable_log";
-    }
-    return "";
-}
-
 std::vector<std::string> unknowable(const Fit& f, bool turning) {
     std::vector<std::string> names;
     // a gain is known once it is surely one: its error is written beside it
@@ -527,23 +529,24 @@ std::vector<std::string> unknowable(const Fit& f, bool turning) {
     return names;
 }
 
-std::vector<Amount> directions(const Way& way) {
-    if (way.fixed.empty()) return way.amounts;
-    return {{way.fixed}};
+std::vector<Amount> directions(const Candidate& candidate) {
+    if (candidate.fixed.empty()) return candidate.amounts;
+    return {{candidate.fixed}};
 }
 
-model::EffectSet<double> effects_of(const std::vector<Way>& members, const Fit& f, const Setting& setting) {
+model::EffectSet<double> effects_of(const std::vector<Candidate>& members, const Fit& f,
+                                    const Setting& setting) {
     model::EffectSet<double> set;
     Eigen::Index at = kFirstAmount + 1;
-    for (const Way& way : members) {
-        const auto count = static_cast<Eigen::Index>(way.amounts.size());
-        model::Parameters<double> p = parameters_of(way, f.value.segment(at, count), setting).first;
+    for (const Candidate& candidate : members) {
+        const auto count = static_cast<Eigen::Index>(candidate.amounts.size());
+        model::Parameters<double> p = parameters_of(candidate, f.value.segment(at, count), setting).first;
         at += count;
-        const auto& info = model::kEffects[way.effect].parameters;
+        const auto& info = model::kEffects[candidate.effect].parameters;
         for (std::size_t j = 0; j < info.size(); ++j)
             p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
-        set.active[way.effect] = true;
-        set.parameter[way.effect] = p;
+        set.active[candidate.effect] = true;
+        set.parameter[candidate.effect] = p;
     }
     return set;
 }

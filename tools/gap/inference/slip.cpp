@@ -109,9 +109,9 @@ std::optional<RollingSlip> slip_by_gyro(const std::vector<MeasuredLog>& logs,
         const Square inverse =
             Square(scaled(all.xx) + 1e-10 * Square::Identity()).ldlt().solve(Square::Identity());
         const Row value = inverse * scale.cwiseProduct(all.xy);
-        const double left = all.yy - value.dot(scale.cwiseProduct(all.xy));
-        if (left >= least) continue;
-        least = left;
+        const double residual = all.yy - value.dot(scale.cwiseProduct(all.xy));
+        if (residual >= least) continue;
+        least = residual;
         Square spread = Square::Zero();
         for (const GyroSum& b : blocks) {
             const Row score = scale.cwiseProduct(b.xy) - scaled(b.xx) * value;
@@ -131,14 +131,14 @@ std::optional<RollingSlip> slip_by_gyro(const std::vector<MeasuredLog>& logs,
 bool may_slip(const Search& search, const Known& known) {
     return std::find(known.excluded.begin(), known.excluded.end(), kSlip) == known.excluded.end() &&
            std::none_of(search.members.begin(), search.members.end(),
-                        [](const Way& way) { return way.effect == kSlip; });
+                        [](const Candidate& candidate) { return candidate.effect == kSlip; });
 }
 
 RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options) {
     Points points = options.known.given;
-    for (const Way& way : search.members) {
-        if (way.kind != Way::Kind::linear && search.points.contains(way.effect))
-            points[way.effect] = search.points.at(way.effect);
+    for (const Candidate& candidate : search.members) {
+        if (candidate.kind != Candidate::Kind::linear && search.points.contains(candidate.effect))
+            points[candidate.effect] = search.points.at(candidate.effect);
     }
     points[kSlip] = {1, 0.1, 0, 1};
     const Dictionary dictionary(options.setting, points, false);
@@ -147,17 +147,17 @@ RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options) {
     block_options.kept = nullptr;
     const WeighedBlocks weighed = weighed_blocks(options.training, block_options, options.known.excluded);
     ModelShape shape{{{{Dictionary::kTiming}}}, {}, options.turning, {}};
-    for (const Way& member : search.members) {
-        Way way = member;
-        if (way.kind != Way::Kind::linear) {
-            way = dictionary.ways(member.effect).back();
-            if (member.amounts.empty()) way.amounts.clear();
+    for (const Candidate& member : search.members) {
+        Candidate candidate = member;
+        if (candidate.kind != Candidate::Kind::linear) {
+            candidate = dictionary.candidates(member.effect).back();
+            if (member.amounts.empty()) candidate.amounts.clear();
         }
-        shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
-        shape.fixed.insert(shape.fixed.end(), way.fixed.begin(), way.fixed.end());
+        shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
+        shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
     }
     // in proportion to the slip speed
-    shape.amounts.push_back(dictionary.ways(kSlip).back().amounts.front());
+    shape.amounts.push_back(dictionary.candidates(kSlip).back().amounts.front());
     const Fit f = fit(pointers(weighed.set), shape);
     const Eigen::Index last = f.value.size() - 1;
     const double per = slip_speed_per(options.setting);
@@ -182,24 +182,21 @@ std::optional<SlipFound> slip_of(const RollingSlip& gyro, const RollingSlip& row
     return std::nullopt;
 }
 
-void name_slip(Search& search, const SlipFound& slip, const Setting& setting) {
+NamedEffect named_slip(const SlipFound& slip, const Setting& setting) {
     NamedEffect named;
     named.effect = kSlip;
     named.probability = 0;
     named.in_file = false;
-    Way way;
-    way.effect = kSlip;
-    way.kind = Way::Kind::focus;
+    Candidate candidate;
+    candidate.effect = kSlip;
+    candidate.kind = Candidate::Kind::linearised;
     for (std::size_t j = 0; j < model::kEffects[kSlip].parameters.size(); ++j) {
         const double value = slip.parameters[j];
         named.parameters.push_back({value, j == 1 ? slip.error : 0.0, {value, value}, j == 1});
     }
     named.unmoved.assign(named.parameters.size(), 0.0);
-    widen(way, setting, named.unmoved, named.parameters);
-    search.effects.push_back(named);
-    if (search.verdict != Verdict::nothing_missing) return;
-    search.verdict = Verdict::named;
-    search.reason = "the wheels turn the robot by more than the gyro sees, in proportion to force and speed";
+    widen(candidate, setting, named.unmoved, named.parameters);
+    return named;
 }
 
 }  // namespace wheelwright::gap

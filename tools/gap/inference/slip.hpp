@@ -37,7 +37,7 @@ struct SlipFound {
 };
 std::optional<SlipFound> slip_of(const RollingSlip& gyro, const RollingSlip& rows, const Setting& setting);
 
-// Adds it to what was found. No model has it: the catalogue's slip does not grow with the speed.
-void name_slip(Search& search, const SlipFound& slip, const Setting& setting);
+// As an effect that is named. No model has it: the catalogue's slip does not grow with the speed.
+NamedEffect named_slip(const SlipFound& slip, const Setting& setting);
 
 }  // namespace wheelwright::gap

@@ -46,14 +46,15 @@ double signed_rank_probability(std::vector<double> values) {
     }
     // exact distribution of the sum of ranks
     const std::size_t most = n * (n + 1) / 2;
-    std::vector<double> ways(most + 1, 0.0);
-    ways[0] = 1;
+    std::vector<double> distribution(most + 1, 0.0);
+    distribution[0] = 1;
     for (std::size_t rank = 1; rank <= n; ++rank) {
-        for (std::size_t s = most; s >= rank; --s) ways[s] = (ways[s] + ways[s - rank]) / 2;
-        for (std::size_t s = 0; s < rank; ++s) ways[s] /= 2;
+        for (std::size_t s = most; s >= rank; --s)
+            distribution[s] = (distribution[s] + distribution[s - rank]) / 2;
+        for (std::size_t s = 0; s < rank; ++s) distribution[s] /= 2;
     }
     double probability = 0;
-    for (auto s = static_cast<std::size_t>(positive); s <= most; ++s) probability += ways[s];
+    for (auto s = static_cast<std::size_t>(positive); s <= most; ++s) probability += distribution[s];
     return probability;
 }
 
@@ -79,8 +80,8 @@ bool surely_positive(const std::vector<double>& values, double significance) {
     return signed_rank_probability(values) <= significance || t_probability(t, n - 1) <= 2 * significance;
 }
 
-bool surely_as_foretold(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
-                        double significance) {
+bool surely_as_predicted(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
+                         double significance) {
     constexpr double kLeast = 1.0 / 3;
     const double degrees = static_cast<double>(gain.size()) - 1;
     const double all_apart = std::accumulate(apart.begin(), apart.end(), 0.0);

@@ -30,7 +30,7 @@ bool surely_positive(const std::vector<double>& values, double significance);
 // at least, and off the other's by more than chance, two-sided at `significance`. Both have one value for a
 // block, in units of the rows' noise; `variance` of what neither foretells is the least that is believed.
 // Fewer than two blocks, or models that foretell the same: no.
-bool surely_as_foretold(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
-                        double significance);
+bool surely_as_predicted(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
+                         double significance);
 
 }  // namespace wheelwright::gap

@@ -30,7 +30,7 @@ std::vector<Structure> structures_beside(const Fit& model, const Blocks& blocks,
         const double sum = usual_sum(gain);
         if (!(sum > 0)) continue;
         Structure one{aspect.place, sum, std::sqrt(sum / std::max(1e-300, torque)),
-                      surely_positive(gain, kSignificance / double(aspects.size()))};
+                      surely_positive(gain, kPolicy.false_alarm / double(aspects.size()))};
         const auto same =
             std::find_if(all.begin(), all.end(), [&](const Structure& s) { return s.place == one.place; });
         if (same == all.end()) {

@@ -277,7 +277,7 @@ struct Lag {
         of_this = 1 - mean;
     }
     // of the variance of white noise
-    double share_left() const {
+    double share_remaining() const {
         return (of_last * of_last + of_this * of_this + 2 * keeps * of_last * of_this) / (1 - keeps * keeps);
     }
 };
@@ -286,7 +286,7 @@ struct Lag {
 double noise_squares(const std::vector<MeasuredLog>& logs, const Noise& noise, double lag_s) {
     double sum = 0;
     for (std::size_t l = 0; l < logs.size(); ++l)
-        sum += noise.gyro[l] * Lag(lag_s, logs[l].period_s).share_left() *
+        sum += noise.gyro[l] * Lag(lag_s, logs[l].period_s).share_remaining() *
                static_cast<double>(logs[l].samples.size());
     return sum;
 }
@@ -304,7 +304,7 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
     for (std::size_t l = 0; l < logs.size(); ++l) {
         const MeasuredLog& log = logs[l];
         const Lag lag(lag_s, log.period_s);
-        const double noise_left = noise.gyro[l] * lag.share_left();
+        const double noise_remaining = noise.gyro[l] * lag.share_remaining();
         double late = log.samples.front().gyro_rad_per_s;
         const auto length = static_cast<std::size_t>(std::max(4.0, kGyroBlock_s / log.period_s));
         for (std::size_t i = 0; i < log.samples.size(); ++i) {
@@ -316,7 +316,7 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
             const Eigen::Vector3d x(1, u.omega_rad_per_s, u.v_m_per_s);
             blocks.back().xx += x * x.transpose() - noise.wheels;
             blocks.back().xy += late * x;
-            blocks.back().yy += late * late - noise_left;
+            blocks.back().yy += late * late - noise_remaining;
         }
     }
     GyroFit fit;

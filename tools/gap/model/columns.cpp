@@ -125,58 +125,59 @@ constexpr std::array kRich{
 
 }  // namespace
 
-std::optional<Way> left_open(const Way& way) {
-    if (way.hidden == model::kMaxEffectParameters || way.leaves_open) return std::nullopt;
-    Way other = way;
+std::optional<Candidate> left_free(const Candidate& candidate) {
+    if (candidate.hidden == model::kMaxEffectParameters || candidate.leaves_open) return std::nullopt;
+    Candidate other = candidate;
     other.leaves_open = true;
-    if (way.kind == Way::Kind::grid) {
+    if (candidate.kind == Candidate::Kind::start) {
         std::vector<int>& all = other.amounts.front().columns;
-        for (std::size_t i = 1; i < way.amounts.size(); ++i)
-            all.insert(all.end(), way.amounts[i].columns.begin(), way.amounts[i].columns.end());
+        for (std::size_t i = 1; i < candidate.amounts.size(); ++i)
+            all.insert(all.end(), candidate.amounts[i].columns.begin(), candidate.amounts[i].columns.end());
         other.amounts.resize(1);
         return other;
     }
-    const auto hidden = std::find(way.free.begin(), way.free.end(), way.hidden);
-    if (hidden == way.free.end()) return std::nullopt;
-    const auto at = hidden - way.free.begin();
+    const auto hidden = std::find(candidate.free.begin(), candidate.free.end(), candidate.hidden);
+    if (hidden == candidate.free.end()) return std::nullopt;
+    const auto at = hidden - candidate.free.begin();
     other.free.erase(other.free.begin() + at);
     other.amounts.erase(other.amounts.begin() + at);
     return other;
 }
 
-std::pair<Parameters<double>, bool> parameters_of(const Way& way, const Eigen::VectorXd& amounts,
+std::pair<Parameters<double>, bool> parameters_of(const Candidate& candidate, const Eigen::VectorXd& amounts,
                                                   const Setting& setting) {
     Parameters<double> p{};
-    switch (way.kind) {
-        case Way::Kind::linear: {
-            for (std::size_t i = 0; i < way.amounts.size(); ++i) {
-                if (way.together) {
+    switch (candidate.kind) {
+        case Candidate::Kind::linear: {
+            for (std::size_t i = 0; i < candidate.amounts.size(); ++i) {
+                if (candidate.together) {
                     p[0] = p[1] = amounts(0);
                 } else {
-                    p[way.coordinate[i]] = amounts(Eigen::Index(i));
+                    p[candidate.coordinate[i]] = amounts(Eigen::Index(i));
                 }
             }
             std::array<bool, model::kEffectCount> one{};
-            one[way.effect] = true;
+            one[candidate.effect] = true;
             model::for_each_active(one, [&]<typename Effect>(std::size_t) {
                 if constexpr (model::HasOwnCoordinates<Effect>) p = Effect::from_coordinates(p);
             });
             return {p, true};
         }
-        case Way::Kind::grid: {
-            const StartingPoints start = hypothesis_of(way.effect).starting_points(setting);
-            return {start.parameters(way.at, amounts), start.plausible(amounts)};
+        case Candidate::Kind::start: {
+            const StartingPoints start = hypothesis_of(candidate.effect).starting_points(setting);
+            return {start.parameters(candidate.at, amounts), start.plausible(amounts)};
         }
-        case Way::Kind::focus:
-            p = way.at;
-            for (std::size_t i = 0; i < way.free.size(); ++i) p[way.free[i]] += amounts(Eigen::Index(i));
-            return {p, hypothesis_of(way.effect).starting_points(setting).itself(p)};
+        case Candidate::Kind::linearised:
+            p = candidate.at;
+            for (std::size_t i = 0; i < candidate.free.size(); ++i)
+                p[candidate.free[i]] += amounts(Eigen::Index(i));
+            return {p, hypothesis_of(candidate.effect).starting_points(setting).itself(p)};
     }
     return {p, true};
 }
 
-Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, bool places)
-    : setting_(setting), linear_(model::kEffectCount), ways_(model::kEffectCount) {
+Dictionary::Dictionary(const Setting& setting, const Points& linearised, bool starts, bool places)
+    : setting_(setting), linear_(model::kEffectCount), candidates_(model::kEffectCount) {
     columns_.resize(kFirstEffect);
     std::size_t number = 0;  // of those that stand for no effect
     const auto without_effect = [&number] { return Source{model::kEffectCount, number++, {}}; };
@@ -193,14 +194,14 @@ Dictionary::Dictionary(const Setting& setting, const Points& focus, bool grids, 
     });
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (linear_[i].first != linear_[i].second) continue;
-        const auto found = focus.find(i);
+        const auto found = linearised.find(i);
         const StartingPoints start = hypothesis_of(i).starting_points(setting_);
-        if (found != focus.end() && start.closer) {
-            for (const Parameters<double>& at : start.closer(found->second)) add_focus(i, at);
+        if (found != linearised.end() && start.closer) {
+            for (const Parameters<double>& at : start.closer(found->second)) add_linearised(i, at);
             continue;
         }
-        if (grids || found != focus.end()) add_grid(i);
-        if (found != focus.end() && can_focus(i)) add_focus(i, found->second);
+        if (starts || found != linearised.end()) add_starts(i);
+        if (found != linearised.end() && can_linearise(i)) add_linearised(i, found->second);
     }
     rich_.first = static_cast<int>(columns_.size());
     for (const Rich& rich : kRich) columns_.push_back({model::kEffectCount, rich.place, without_effect()});
@@ -221,7 +222,7 @@ std::vector<int> Dictionary::rich_columns_of(std::string_view place) const {
     return columns;
 }
 
-bool Dictionary::can_focus(std::size_t effect) const {
+bool Dictionary::can_linearise(std::size_t effect) const {
     return hypothesis_of(effect).starting_points(setting_).step != decltype(StartingPoints::step){};
 }
 
@@ -236,43 +237,44 @@ int Dictionary::add(std::size_t effect, const Probe& probe, const std::optional<
     return static_cast<int>(columns_.size()) - 1;
 }
 
-void Dictionary::add_grid(std::size_t effect) {
+void Dictionary::add_starts(std::size_t effect) {
     const StartingPoints start = hypothesis_of(effect).starting_points(setting_);
     for (const Parameters<double>& at : start.points) {
-        Way way;
-        way.effect = effect;
-        way.kind = Way::Kind::grid;
-        way.at = at;
-        way.hidden = start.hidden;
+        Candidate candidate;
+        candidate.effect = effect;
+        candidate.kind = Candidate::Kind::start;
+        candidate.at = at;
+        candidate.hidden = start.hidden;
         for (const Parameters<double>& unit : start.units(at)) {
             std::optional<Source> source;
             if (!hypothesis_of(effect).by_dynamics) source = Source{effect, 0, unit};
-            way.amounts.push_back({{add(effect, {term(effect, unit)}, source)}, start.likely_amount});
+            candidate.amounts.push_back({{add(effect, {term(effect, unit)}, source)}, start.likely_amount});
         }
-        ways_[effect].push_back(way);
+        candidates_[effect].push_back(candidate);
     }
 }
 
 // Slopes are taken to one side where the other is out of the parameter's range.
-void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
+void Dictionary::add_linearised(std::size_t effect, const Parameters<double>& at) {
     const StartingPoints start = hypothesis_of(effect).starting_points(setting_);
     const auto& info = model::kEffects[effect].parameters;
-    Way way;
-    way.effect = effect;
-    way.kind = Way::Kind::focus;
-    way.at = at;
-    way.hidden = start.hidden;
+    Candidate candidate;
+    candidate.effect = effect;
+    candidate.kind = Candidate::Kind::linearised;
+    candidate.at = at;
+    candidate.hidden = start.hidden;
     const std::size_t here = term(effect, at);
-    way.fixed.push_back(add(effect, {here}));
+    candidate.fixed.push_back(add(effect, {here}));
     for (std::size_t j = 0; j < info.size(); ++j) {
         if (start.step[j] == 0 || (j == start.apart_at_zero && at[j] == 0)) continue;
         Parameters<double> up = at;
         Parameters<double> down = at;
         up[j] = std::min(info[j].maximum, at[j] + start.step[j]);
         down[j] = std::max(info[j].minimum, at[j] - start.step[j]);
-        way.free.push_back(j);
-        way.amounts.push_back({{add(effect, {term(effect, up), term(effect, down), 1 / (up[j] - down[j])})},
-                               start.likely_move[j]});
+        candidate.free.push_back(j);
+        candidate.amounts.push_back(
+            {{add(effect, {term(effect, up), term(effect, down), 1 / (up[j] - down[j])})},
+             start.likely_move[j]});
     }
     if (start.beside != Parameters<double>{}) {
         Parameters<double> up = at;
@@ -283,10 +285,10 @@ void Dictionary::add_focus(std::size_t effect, const Parameters<double>& at) {
             down[j] -= start.beside[j];
             step += 2 * start.beside[j];
         }
-        way.amounts.push_back(
+        candidate.amounts.push_back(
             {{add(effect, {term(effect, up), term(effect, down), 1 / step})}, start.expected});
     }
-    ways_[effect].push_back(way);
+    candidates_[effect].push_back(candidate);
 }
 
 Dictionary::Walker::Walker(const Dictionary& dictionary, const std::vector<bool>& wanted)

@@ -45,8 +45,8 @@ struct Amount {
 };
 
 // One way in which an effect may enter a model.
-struct Way {
-    enum class Kind { linear, grid, focus };
+struct Candidate {
+    enum class Kind { linear, start, linearised };
     std::size_t effect = model::kEffectCount;
     Kind kind = Kind::linear;
     std::vector<Amount> amounts;
@@ -59,16 +59,17 @@ struct Way {
     std::size_t hidden = model::kMaxEffectParameters;
     bool leaves_open = false;
 
-    bool same_effect(const Way& other) const { return effect == other.effect; }
+    bool same_effect(const Candidate& other) const { return effect == other.effect; }
 };
 
 // The way that leaves open what the log may not show: at a point of a grid one amount stands for all, at a
 // focus the parameter stays. None: nothing may be left open.
-std::optional<Way> left_open(const Way& way);
+std::optional<Candidate> left_free(const Candidate& candidate);
 
 // The parameters that amounts of a way stand for. The second says whether the amounts are plausible for it: a
 // lag whose column would have to be taken ten times is another lag, or none.
-std::pair<model::Parameters<double>, bool> parameters_of(const Way& way, const Eigen::VectorXd& amounts,
+std::pair<model::Parameters<double>, bool> parameters_of(const Candidate& candidate,
+                                                         const Eigen::VectorXd& amounts,
                                                          const Setting& setting);
 
 class PlaceColumns;
@@ -85,7 +86,7 @@ class Dictionary {
 
     // `focus`: effects that are to be refined, and from where. Without `grids` the others that are not linear
     // have no columns, which are most of the work. `places`: with the columns of places.hpp, last.
-    Dictionary(const Setting& setting, const Points& focus, bool grids = true, bool places = false);
+    Dictionary(const Setting& setting, const Points& linearised, bool starts = true, bool places = false);
 
     const Setting& setting() const { return setting_; }
     std::span<const Column> columns() const { return columns_; }
@@ -96,9 +97,9 @@ class Dictionary {
     std::vector<int> rich_columns_of(std::string_view place) const;
     std::pair<int, int> place_columns() const { return places_; }
     // Whether an effect that is not linear can be looked at more closely than at the grid's points.
-    bool can_focus(std::size_t effect) const;
+    bool can_linearise(std::size_t effect) const;
     // Of an effect that is not linear.
-    std::span<const Way> ways(std::size_t effect) const { return ways_[effect]; }
+    std::span<const Candidate> candidates(std::size_t effect) const { return candidates_[effect]; }
 
     // Sums all columns but kProduct along a log.
     class Walker {
@@ -163,13 +164,13 @@ class Dictionary {
     std::size_t first_probe() const { return std::size_t(rich_.first) - probes_.size(); }
     std::size_t term(std::size_t effect, const model::Parameters<double>& p);
     int add(std::size_t effect, const Probe& probe, const std::optional<Source>& source = std::nullopt);
-    void add_grid(std::size_t effect);
-    void add_focus(std::size_t effect, const model::Parameters<double>& at);
+    void add_starts(std::size_t effect);
+    void add_linearised(std::size_t effect, const model::Parameters<double>& at);
 
     Setting setting_;
     std::vector<Column> columns_;
     std::vector<std::pair<int, int>> linear_;
-    std::vector<std::vector<Way>> ways_;
+    std::vector<std::vector<Candidate>> candidates_;
     std::pair<int, int> rich_, places_;
     std::vector<Term> terms_;
     std::vector<Probe> probes_;

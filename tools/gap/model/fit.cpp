@@ -234,7 +234,7 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     if (!iterate(0)) iterate(kHalvings);
     result.squares = squares_at(p);
     result.rows = row_count(blocks, shape);
-    if (spread == Spread::left_out) return result;
+    if (spread == Spread::none) return result;
     const bool plain = spread == Spread::plain;
     result.covariance = covariance_of_blocks(blocks, directions, tangent, normal, equations, !plain);
     // Never below what independent rows of the residual's level would give: what one block alone tells has
@@ -319,18 +319,18 @@ double torque_squares(const Blocks& blocks, const Fit& fit) {
 
 double beyond_noise_share(const Blocks& blocks, const Fit& fit) {
     const auto rows = rows_of(fit, measured_column(blocks));
-    double left = 0;
+    double residual = 0;
     double torque = 0;
     for (const Block* block : blocks) {
         for (std::size_t e = 0; e < fit.shape.equations(); ++e) {
             const Eigen::Map<const Eigen::VectorXd> weight(rows[e].weight.data(),
                                                            Eigen::Index(rows[e].weight.size()));
-            left += (block->row[e](Eigen::all, rows[e].column) * weight).squaredNorm() - block->rows[e];
+            residual += (block->row[e](Eigen::all, rows[e].column) * weight).squaredNorm() - block->rows[e];
             const double gain = fit.value(gain_of(e));
             torque += gain * gain * block->row[e].col(Dictionary::kTorque).squaredNorm();
         }
     }
-    return torque > 0 ? std::sqrt(std::max(0.0, left) / torque) : 0.0;
+    return torque > 0 ? std::sqrt(std::max(0.0, residual) / torque) : 0.0;
 }
 
 double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& extra) {
@@ -455,7 +455,7 @@ double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>
     constexpr double kRoundings = 1e-20;
     const double torque = at(kK7) * at(kK7) * gram(kK7, kK7) + at(kK8) * at(kK8) * gram(kK8, kK8);
     if (!(gram.diagonal().tail(goal).sum() > kRoundings * torque)) return 1.0;
-    const auto left_over = [&](Eigen::Index known) {
+    const auto unexplained = [&](Eigen::Index known) {
         Eigen::MatrixXd inner = gram.topLeftCorner(known, known);
         for (Eigen::Index i = 0; i < known; ++i) inner(i, i) += 1e-9 * inner(i, i) + 1e-12;
         const Eigen::MatrixXd cross = gram.block(0, have + more, known, goal);
@@ -463,8 +463,8 @@ double likeness(const Blocks& blocks, const Fit& base, const std::vector<Amount>
             gram.block(have + more, have + more, goal, goal) - cross.transpose() * inner.ldlt().solve(cross);
         return rest.trace();
     };
-    const double before = left_over(have);
-    return before > 0 ? 1 - std::max(0.0, left_over(have + more)) / before : 1.0;
+    const double before = unexplained(have);
+    return before > 0 ? 1 - std::max(0.0, unexplained(have + more)) / before : 1.0;
 }
 
 }  // namespace wheelwright::gap

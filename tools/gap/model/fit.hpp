@@ -29,7 +29,7 @@ struct Fit {
 // Which covariance is wanted. `known` is set right for leverage and takes as long as the rest; `plain`, the
 // sandwich of the blocks' scores as they are, is for tests of whether something is there at all, in which a
 // block that alone shows it must not be held against it; `left_out` is none.
-enum class Spread { known, plain, left_out };
+enum class Spread { known, plain, none };
 Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread = Spread::known);
 
 // Sum of the squared whitened residual on other blocks.

@@ -105,7 +105,7 @@ class Maker {
         while (i < last) {
             // a run without a wheel that stands while the other turns, or a sample that cannot be used
             std::size_t run = i;
-            while (run < last && !left_out(part, run, last)) ++run;
+            while (run < last && !unusable(part, run, last)) ++run;
             const auto length = static_cast<int>(run - i);
             if (length >= shortest) {
                 const int pieces = std::max(1, static_cast<int>(std::lround(double(length) / longest)));
@@ -119,14 +119,14 @@ class Maker {
             } else {
                 for (std::size_t n = i; n < run; ++n) pass(part, n);
             }
-            for (i = run; i < last && left_out(part, i, last); ++i) {
+            for (i = run; i < last && unusable(part, i, last); ++i) {
                 pass(part, i);
             }
         }
     }
 
     void finish() {
-        if (looked_at_ > 0) to_.wheel_power /= double(looked_at_);
+        if (used_ > 0) to_.wheel_power /= double(used_);
         to_.torque_rms_Nm = std::sqrt(to_.wheel_power(Dictionary::kTorque, Dictionary::kTorque));
     }
 
@@ -155,7 +155,7 @@ class Maker {
         }
         return true;
     }
-    bool left_out(const LogPart& part, std::size_t i, std::size_t last) const {
+    bool unusable(const LogPart& part, std::size_t i, std::size_t last) const {
         if (part.unusable != nullptr && ((*part.unusable)[i] || (*part.unusable)[i + 1])) return true;
         const MeasuredLog& log = *part.log;
         return standing(log, i, last, &WheelPair<double>::left) !=
@@ -205,8 +205,8 @@ class Maker {
         std::array<Eigen::MatrixXd, kEquations> x;
         // column by interval, so that an interval's values lie side by side; last what was measured
         for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(fresh_count_ + 1, intervals);
-        const Eigen::Index looked_at = (intervals + kPowerOf - 1) / kPowerOf;
-        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(2 * looked_at, fresh_count_);
+        const Eigen::Index used = (intervals + kPowerOf - 1) / kPowerOf;
+        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(2 * used, fresh_count_);
         const Eigen::Index product = slot_[Dictionary::kProduct];
         for (std::size_t n = begin; n < end; ++n) {
             const auto row = static_cast<Eigen::Index>((n - begin) / together);
@@ -240,7 +240,7 @@ class Maker {
                 wheels(2 * (row / kPowerOf) + 1, column) = share * pair.right;
             });
         }
-        looked_at_ += looked_at;
+        used_ += used;
 
         Block made;
         const double step_s = dt * double(together);
@@ -288,7 +288,7 @@ class Maker {
     const BlockOptions& options_;
     BlockSet& to_;
     model::Geometry<double> geometry_;
-    Eigen::Index looked_at_ = 0;
+    Eigen::Index used_ = 0;
     KeptColumns nothing_kept_;
     KeptColumns& kept_;
     std::vector<bool> fresh_;         // columns that are to be made
