@@ -21,7 +21,7 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr int kBroadPasses = 1;  // closer looks with everything in the catalogue
+constexpr int kBroadPasses = 1;  // evaluations closer by with everything in the catalogue
 
 std::vector<std::string> files_of(const Request& request) {
     std::vector<std::string> paths = request.logs;
@@ -100,7 +100,7 @@ std::optional<Denied> evaluate_all(Evaluations& evaluations, std::span<const Log
 }
 
 // The robot found, for motions that would tell what it was named for from something else. `setting`, here and
-// below: of the last look's dictionary.
+// below: of the last evaluation's dictionary.
 Confusion confusion(const Search& s, const Setting& setting, double torque_rms_Nm, const Overview& overview,
                     bool turning) {
     Confusion c;
@@ -208,7 +208,7 @@ Findings analyse(const Request& request) {
     findings.heldout_from_s = parts.held_out ? parts.held_out->log->samples[parts.held_out->first].t_s
                                              : last_log.samples.back().t_s;
 
-    // the looks
+    // the evaluations
     request.progress("products of columns");
     Evaluations evaluations(
         evaluation_options(request, overview, parts, known_before(sensors, request.without, track_m)));
@@ -217,7 +217,7 @@ Findings analyse(const Request& request) {
         return findings;
     }
     const bool turning = evaluations.turning();
-    if (!turning) sensors.gyro.reset();  // no radii are told by a robot that its torques do not turn
+    if (!turning) sensors.gyro.reset();  // no radii show in a robot that its torques do not turn
     request.progress("search");
     while (const std::optional<Denied> denied = evaluate_all(evaluations, parts.training)) {
         evaluations.deny(denied->effect);
@@ -254,8 +254,8 @@ Findings analyse(const Request& request) {
         effects.push_back(named_slip(*slip, setting));
         findings.notes.emplace_back(
             "wheel_slip is by the gyro: it grows with the speed, as that of the robot file does not, and so "
-            "is "
-            "not written there");
+            "is not "
+            "written there");
     }
     const BesideSensors beside = beside_sensors(std::move(effects), sensors, known, request.without, track_m);
     findings.effects = beside.effects;

@@ -11,7 +11,7 @@ struct HypothesisOf<model::Backlash> : Defaults<model::Backlash> {
     static StartingPoints starting_points(const Setting& s) {
         const double r = s.geometry.mean_radius_m();
         const double whole = s.effective_mass_kg() * r * r / 2;
-        // How long the gap lasts is told by gap times inertia alone; the inertia is a usual one.
+        // How long the gap lasts depends on gap times inertia alone; the inertia is a usual one.
         constexpr double kMotorsShare = 0.75 * model::kRotationShare;
         StartingPoints from{{}, alone, as_it_is, roughly_one, {0.001, 0}};
         for (const double gap : {0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068, 0.096})

@@ -12,7 +12,7 @@
 
 namespace wheelwright::gap {
 
-// How far apart the first look tries the time of an event, as a share of the log.
+// How far apart the starting points of the time of an event are, as a share of the log.
 inline constexpr double kEventSpacing = 1 / 18.0;
 
 // Points at which an effect is tried; none for one that is linear.
@@ -22,20 +22,21 @@ struct StartingPoints {
     std::function<std::vector<Parameters<double>>(const Parameters<double>&)> units;
     std::function<Parameters<double>(const Parameters<double>&, const Eigen::VectorXd&)> parameters;
     std::function<bool(const Eigen::VectorXd&)> plausible;
-    std::array<double, model::kMaxEffectParameters> step{};  // for slopes at a focus; 0: this one is not free
-    // At a focus: a change of what is no parameter of the effect, but unknown too, and how many of it may be
+    std::array<double, model::kMaxEffectParameters>
+        step{};  // for slopes where linearised; 0: this one is not free
+    // Linearised: a change of what is no parameter of the effect, but unknown too, and how many of it may be
     // expected; 0: nothing is.
     Parameters<double> beside{};
     double expected = 0;
-    // The parameter that a log may not show: at a point one amount stands for all then, at a focus it stays.
+    // The parameter that a log may not show: at a point one amount stands for all then, linearised it stays.
     std::size_t hidden = model::kMaxEffectParameters;
     // What a log does not show stays near: the size that a point's amounts may be expected to have, and how
-    // far from a focus each parameter may be; 0: nothing is known.
+    // far from where it was linearised each parameter may be; 0: nothing is known.
     double likely_amount = 0;
     std::array<double, model::kMaxEffectParameters> likely_move{};
     // Foci around what was found, that itself last: for a parameter that slopes are too short-sighted for.
     std::function<std::vector<Parameters<double>>(const Parameters<double>&)> closer = {};
-    // At a focus: still this effect, and not the special case of it that another one is.
+    // Linearised: still this effect, and not the special case of it that another one is.
     std::function<bool(const Parameters<double>&)> itself = [](const Parameters<double>&) { return true; };
     // The parameter whose 0 is a case by itself: no slope is taken there.
     std::size_t apart_at_zero = model::kMaxEffectParameters;

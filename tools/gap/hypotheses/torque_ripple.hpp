@@ -43,7 +43,7 @@ class Harmonics {
     WheelPair<Wave> wave_;
 };
 
-// What swings with the angle is best told by the middle of the interval.
+// What swings with the angle shows best at the middle of the interval.
 class RippleTerm : public Contribution {
   public:
     static constexpr bool kByDynamics = false;

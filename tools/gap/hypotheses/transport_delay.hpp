@@ -10,7 +10,7 @@ namespace wheelwright::gap {
 template <>
 struct HypothesisOf<model::TransportDelay> : Defaults<model::TransportDelay> {
     static constexpr bool kLate = true;
-    // Speeds that are told late look like torque that comes late.
+    // Speeds that are reported late look like torque that comes late.
     static constexpr std::array kUnlessMeasured{
         Confounder{"measurement_lag", 0,
                    "a gyro or an accelerometer: the speeds may be told late, as late as the torque seems"}};

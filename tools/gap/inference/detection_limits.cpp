@@ -33,7 +33,7 @@ bool in_range(std::size_t effect, const Parameters<double>& p) {
     return true;
 }
 
-// The least amounts of one way beside what was found.
+// The least amounts of one candidate beside what was found.
 class Least {
   public:
     Least(const Evidence& evidence, const Members& found)
@@ -186,7 +186,7 @@ std::vector<Detectable> detectable(const Evidence& evidence, const Members& foun
         const std::vector<Candidate> all = evidence.candidates(i);
         if (all.empty() || contains(found, i)) continue;
         const Candidate& middle = all[all.size() / 2];
-        if (middle.kind == Candidate::Kind::linearised) continue;  // the look at the grid has told
+        if (middle.kind == Candidate::Kind::linearised) continue;  // its starting points have shown
         Detectable d;
         d.effect = i;
         d.size.assign(model::kEffects[i].parameters.size(), kInfinity);

@@ -16,8 +16,8 @@ struct ParameterEstimate {
     bool known = true;
 };
 
-// The parameters that a way's amounts stand for, in the catalogue's order, with errors from the amounts'
-// covariance (delta method) and Student's interval for a fit to so many blocks.
+// The parameters that a candidate's amounts stand for, in the catalogue's order, with errors from the
+// amounts' covariance (delta method) and Student's interval for a fit to so many blocks.
 std::vector<ParameterEstimate> estimates_of(const Candidate& candidate, const Eigen::VectorXd& amounts,
                                             const Eigen::MatrixXd& covariance, const Setting& setting,
                                             std::size_t blocks);

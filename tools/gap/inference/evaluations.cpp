@@ -29,7 +29,7 @@ bool has(const Entries& entries, std::size_t effect) {
                        [&](const auto& entry) { return entry.effect == effect; });
 }
 
-// A closer look has columns for what came near only.
+// A closer evaluation has columns for what came near only.
 void keep_what_was_not_tried(Search& now, const Search& earlier) {
     for (const Detectable& d : earlier.detectable) {
         if (!has(now.detectable, d.effect) && !has(now.effects, d.effect)) now.detectable.push_back(d);
@@ -48,14 +48,14 @@ void keep_what_was_not_tried(Search& now, const Search& earlier) {
     }
 }
 
-// Nothing was found, but a closer look at some effects may.
+// Nothing was found, but a closer evaluation of some effects may.
 bool has_leads(const Search& search) {
     return search.effects.empty() &&
            std::any_of(search.points.begin(), search.points.end(),
                        [&](const auto& point) { return !has(search.members, point.first); });
 }
 
-// A closer look must not lose what was found.
+// A closer evaluation must not lose what was found.
 bool is_worse(const Search& later, const Search& earlier) {
     constexpr double kSlack = 1.02;
     return later.effects.empty() ||
@@ -71,7 +71,7 @@ double event_error_s(const Search& search) {
     return 0;
 }
 
-// A closer look at where an effect was found has been taken, and was no better than the grid's point.
+// Columns were linearised where an effect was found, and were no better than the starting point.
 bool was_linearised_at(const Evaluation& evaluation, std::size_t effect) {
     constexpr double kSame = 0.02;
     const std::span<const Candidate> candidates = evaluation.dictionary.candidates(effect);
@@ -112,7 +112,7 @@ std::optional<std::string> Evaluations::first_model() {
         frictions.push_back({{first, first + 1}});
     }
     ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning_, {}};
-    if (!driving_) shape.held_gain[kLinear] = 1;  // any: it is not told
+    if (!driving_) shape.held_gain[kLinear] = 1;  // any: the log does not show it
     Fit f = fit_beside_friction(pointers(current_->train), shape, frictions);
     if (driving_ && !(f.value(2) > 0)) {
         return "forward torque slows the robot down: is the sign of torque or speed wrong?";
@@ -245,9 +245,9 @@ bool Evaluations::evaluate_without_the_least() {
     return false;
 }
 
-// Times of events are tried closer together, but not much closer than they can be told apart.
+// Times of events are tried closer together, but not much closer than their errors.
 void Evaluations::space_events_closer() {
-    constexpr double kFinerBy = 4;  // each look than the one before
+    constexpr double kFinerBy = 4;  // each evaluation than the one before
     constexpr double kOfError = 0.75;
     const Setting& setting = current_->dictionary.setting();
     double next_s = (event_spacing_s_ > 0 ? event_spacing_s_ : kEventSpacing * setting.span_s) / kFinerBy;
@@ -309,12 +309,12 @@ BlockSet Evaluations::held_out() const {
     return blocks;
 }
 
-// The last look; the next one finds its search and its dictionary in place, but no blocks.
+// The last evaluation; the next one finds its search and its dictionary in place, but no blocks.
 Evaluation Evaluations::put_aside() {
     return {current_->search, current_->dictionary, std::move(current_->train), current_->colour};
 }
 
-// The dictionary and the blocks of the look that comes next; what was found stays.
+// The dictionary and the blocks of the evaluation that comes next; what was found stays.
 void Evaluations::make(const model::Dynamics<double>& dynamics, Points points, bool starts) {
     const Known& known = options_.known;
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {

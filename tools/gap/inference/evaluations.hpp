@@ -1,5 +1,5 @@
-// Looks at the same logs, one after the other: each is a search, with columns made where the one before found
-// something. Which looks there are, and when one is taken back; their order is the analysis'.
+// Evaluations of the same logs, one after the other: each is a search, with columns made where the one before
+// found something. Which there are, and when one is taken back; their order is the analysis'.
 #pragma once
 
 #include <cstddef>
@@ -14,16 +14,17 @@
 
 namespace wheelwright::gap {
 
-// What is looked at, and what is known of it before.
+// What is evaluated, and what is known of it before.
 struct EvaluationOptions {
     model::Geometry<double> geometry;
     model::EffectSet<double> base;  // that the given model has
     Overview overview;
-    Parts parts;  // of logs that outlive the looks
+    Parts parts;  // of logs that outlive the evaluations
     Known known;
 };
 
-// A look: the dictionary, the blocks that were made with it and how they are weighed, and what was found.
+// An evaluation: the dictionary, the blocks that were made with it and how they are weighed, and what was
+// found.
 struct Evaluation {
     Search search;
     Dictionary dictionary;
@@ -51,7 +52,7 @@ class Evaluations {
     // through them: what is there looks as if it were not.
     void evaluate_with_a_guess();
     // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
-    // that is not linear was looked for. The first `broad` looks have everything in the catalogue.
+    // that is not linear was looked for. The first `broad` ones have everything in the catalogue.
     void evaluate_closer(int broad);
     // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
     // Whether it is there still, once the others have found their places without it? False: it is, or there
@@ -64,13 +65,13 @@ class Evaluations {
     std::size_t blocks() const { return blocks_; }
     // What is known, by now.
     const Known& known() const { return options_.known; }
-    // The last look that was kept.
+    // The last one that was kept.
     const Evaluation& last() const { return *current_; }
-    // Of the held-out part, with the columns of the last look; none without one. Made at each call.
+    // Of the held-out part, with the columns of the last one; none without one. Made at each call.
     BlockSet held_out() const;
-    // For another dictionary, with K5..K8 of the last look and as closely as it came to look.
+    // For another dictionary, with K5..K8 of the last one and points as close together.
     Setting setting_found() const;
-    // For other blocks of the parts learned from; what is kept for them is the looks'.
+    // For other blocks of the parts learned from; what is kept for them is in here.
     const BlockOptions& block_options() const { return block_options_; }
 
   private:

@@ -152,7 +152,7 @@ Evidence::Evidence(const BlockSet& train, const SearchOptions& options)
         if (!options.base.active[i] && !options.given.contains(i)) continue;
         const std::vector<Candidate> all = candidates(i);
         if (all.empty()) continue;
-        base_.push_back(all.back());  // a focus is the last
+        base_.push_back(all.back());  // the linearised one is the last
         if (!options.given.contains(i)) continue;
         base_.back().amounts.clear();
         base_.back().free.clear();
@@ -374,7 +374,7 @@ std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members&
     const auto attempt = [&](const Candidate& candidate) {
         const Members more = with(members, candidate);
         const Fit f = fit(sample, more, Spread::none);
-        // a closer look is preferred, for it goes on from where it is
+        // what is linearised is preferred, for it goes on from where it is
         const double squares =
             candidate.kind == Candidate::Kind::linearised ? kCloser * f.squares : f.squares;
         if (squares >= least) return true;

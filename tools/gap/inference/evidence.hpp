@@ -23,7 +23,7 @@ inline constexpr double kActs = 0.02;
 // A fit with these in it as far as they come out as friction; one that drives is none.
 Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions);
 
-// Ways in which effects enter the model, in the order of their amounts in a fit; one of each effect at most.
+// Forms in which effects enter the model, in the order of their amounts in a fit; one of each effect at most.
 using Members = std::vector<Candidate>;
 Members with(Members members, const Candidate& candidate);
 Members without(Members members, std::size_t i);
@@ -58,7 +58,7 @@ double difference_variance(const Fit& fit, Eigen::Index at);
 // The first of each block's squares are less than the second, by more than chance and by more than a trifle.
 bool surely_less(const std::vector<double>& first, const std::vector<double>& second);
 
-// Two models' squares, block by block, left out of the fit: of the blocks in which the models foretell
+// Two models' squares, block by block, left out of the fit: of the blocks in which the models predict
 // something different. In others noise would judge between them.
 struct Compared {
     std::vector<double> one, other;
@@ -76,8 +76,8 @@ struct Sample {
     std::vector<Block> rest;  // without every kFolds-th from the first, the second, ... on
 };
 
-// A way of an effect, and what a fit with it leaves of the blocks that it was fitted to. Left out of the fit
-// they can but leave more.
+// A candidate of an effect, and what a fit with it leaves of the blocks that it was fitted to. Left out of
+// the fit they can but leave more.
 struct BestPoint {
     Candidate candidate;
     double squares;
@@ -101,7 +101,7 @@ class Evidence {
     void set_friction(Members friction) { friction_ = std::move(friction); }
     double rows() const { return rows_; }
 
-    // The ways in which an effect may enter; those with fewer unknowns first.
+    // The forms in which an effect may enter; those with fewer unknowns first.
     std::vector<Candidate> candidates(std::size_t effect) const;
     // Known not to be there; and also what is not to be named.
     bool impossible(std::size_t effect) const;
@@ -129,7 +129,7 @@ class Evidence {
     // The last member is within its physical range: a friction that drives is none. `fit`: of the members to
     // the sample. Costs another where errors decide and it has none.
     bool in_range(const Sample& sample, const Members& members, const Fit& fit) const;
-    // That the last member is not there. One at a focus is taken as a whole for it.
+    // That the last member is not there. A linearised one is taken as a whole for it.
     double probability_of_last(const Sample& sample, const Members& members) const;
     // The best of an effect's points in range, beside the members.
     std::optional<BestPoint> best_point(std::size_t effect, const Members& members,
@@ -137,7 +137,7 @@ class Evidence {
 
     Compared compared(const Members& one, const Members& other) const;
     Compared compared(const Compared& all, const Members& one, const Members& other) const;
-    // One model is true rather than the other, by all that they foretell.
+    // One model is true rather than the other, by all that they predict.
     bool distinguishes(const Members& one, const Members& other) const;
     // Surely one rather than the other, by either.
     bool better(const Members& one, const Members& other) const;

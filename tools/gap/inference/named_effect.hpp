@@ -19,7 +19,7 @@ struct Rival {
     std::size_t effect = 0;
     bool confounded = false;  // no motion in this log tells them apart
     bool richer = false;      // has more to choose, and is not surely better for it: the simpler one is named
-    bool coarse = false;      // judged at the first look's points only, and may do better between them
+    bool coarse = false;      // judged at its starting points only, and may do better between them
     double keeps = 0;         // share of the gain that it keeps in the winner's place
     std::string_view measurement;  // that would tell it, where no motion does; empty: none is known
     // Driven with this size it tells them apart best (motions.hpp); null: none is known.

@@ -92,7 +92,7 @@ class Outcome {
                 std::sqrt(std::pow(f.value(at) - f.value(at + 1), 2) + difference_variance(f, at)) / 2;
         }
         if (members_[member].kind == Candidate::Kind::linearised) {
-            // foci beside the one chosen, by how likely they are
+            // points beside the one chosen, by how likely they are
             struct Beside {
                 model::Parameters<double> p;
                 double squares;

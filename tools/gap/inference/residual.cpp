@@ -31,7 +31,7 @@ Points points_of(const Search& search, const ResidualOptions& options) {
 Candidate same_candidate(const Dictionary& dictionary, const Candidate& candidate) {
     if (candidate.kind == Candidate::Kind::linear) return candidate;
     const std::span<const Candidate> all = dictionary.candidates(candidate.effect);
-    Candidate same = all.back();  // the focus
+    Candidate same = all.back();  // the linearised one
     for (const Candidate& other : all) {
         if (candidate.kind == Candidate::Kind::start && other.kind == candidate.kind &&
             other.at == candidate.at)

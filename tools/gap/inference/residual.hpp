@@ -15,7 +15,7 @@ struct ResidualOptions {
     model::EffectSet<double> found;  // `after`, as the search's own dictionary has it
     Known known;
     std::span<const LogPart> training;
-    BlockOptions blocks;  // without a dictionary: it has one of its own, without grids
+    BlockOptions blocks;  // without a dictionary: it has one of its own, without starting points
     bool turning = true;
 };
 

@@ -169,7 +169,7 @@ class Searcher {
         return best;
     }
 
-    // On blocks that took no part in choosing it, it gains what it foretells there, as far as they can tell:
+    // On blocks that took no part in choosing it, it gains what it predicts there, as far as they show:
     // of something that is not there they lose as much.
     bool confirmed(const Fit& without_it, const Fit& with_it) const {
         if (confirm_.empty()) return true;
@@ -231,7 +231,7 @@ class Searcher {
             bool sure = false;
             for (std::size_t i = base_members_; i < members_.size(); ++i) {
                 const Trial t = attempt(members_[i].effect, fitted_without(without(members_, i)));
-                // whether it is there, whatever the folds say of how well it foretells
+                // whether it is there, whatever the folds say of how well it predicts
                 const double probability =
                     evidence_.probability_of_last(select_, with(without(members_, i), members_[i]));
                 probability_[members_[i].effect] = probability;
@@ -297,10 +297,10 @@ class Searcher {
         }
     }
 
-    // Where much is missing: what is sure at a point of its grid, but explains too little there or is not
-    // confirmed, as a block is not in which a load was put on at another time than the grid's. It may explain
-    // more between the points, which a closer look will tell. Where little is missing it must be all the
-    // surer.
+    // Where much is missing: what is sure at a starting point, but explains too little there or is not
+    // confirmed, as a block is not in which a load was put on at another time than those tried. It may
+    // explain more between the points, which a closer evaluation will show. Where little is missing it must
+    // be all the surer.
     void note_leads(const std::vector<Trial>& trials, double probability) {
         for (const Trial& t : trials) {
             if (t.probability > probability || t.candidate.kind != Candidate::Kind::start ||

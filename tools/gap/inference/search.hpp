@@ -24,7 +24,7 @@ struct SearchOptions {
     std::vector<std::size_t> rivals_only;    // not named
     double large_gap = kPolicy.gap;          // more left than this is not explained
     bool white_noise = true;                 // the sensors' noise is, so that more than it is something
-    std::vector<std::size_t> confirmed;      // found by an earlier look, whose confirming blocks agreed
+    std::vector<std::size_t> confirmed;      // found by an earlier evaluation, whose confirming blocks agreed
     bool turning = true;
     std::optional<double>
         k7_per_kg_m;  // held: nothing drives the robot forward, and the log does not tell it
@@ -45,7 +45,7 @@ struct Search {
     // Where nothing could be named, yet much is missing: with the two effects that gain most, surely there or
     // not. Its K5..K8 are likelier than the base's.
     std::optional<Fit> guess;
-    Points points;  // where the effects that are not linear fit best, for a dictionary with a closer look
+    Points points;  // where the effects that are not linear fit best, for columns that are linearised there
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
     double closable_torque_share = 0, residual_torque_share = 0;
@@ -62,7 +62,7 @@ model::EffectSet<double> effects_of(const std::vector<Candidate>& members, const
 // K5..K8 that a fit does not know.
 std::vector<std::string> unknowable(const Fit& fit, bool turning);
 
-// The columns that an effect's presence is told by.
+// The columns that an effect's presence shows in.
 std::vector<Amount> directions(const Candidate& candidate);
 
 }  // namespace wheelwright::gap

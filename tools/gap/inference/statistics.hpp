@@ -25,11 +25,11 @@ double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& cov
 bool surely_positive(const std::vector<double>& values, double significance);
 
 // What one model gains over another in each block (the other's squares less its own), beside the squares by
-// which the two foretell it to be apart: all of those, give or take, if the one is true, and as much less
-// than nothing if the other is. Whether it is surely rather the one: the gain is a third of what is foretold
+// which the two predict it to be apart: all of those, give or take, if the one is true, and as much less
+// than nothing if the other is. Whether it is surely rather the one: the gain is a third of what is predicted
 // at least, and off the other's by more than chance, two-sided at `significance`. Both have one value for a
-// block, in units of the rows' noise; `variance` of what neither foretells is the least that is believed.
-// Fewer than two blocks, or models that foretell the same: no.
+// block, in units of the rows' noise; `variance` of what neither predicts is the least that is believed.
+// Fewer than two blocks, or models that predict the same: no.
 bool surely_as_predicted(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
                          double significance);
 

@@ -10,8 +10,8 @@
 namespace wheelwright::gap {
 namespace {
 
-// Without the greatest of them: a single piece, the only one to turn perhaps, is told by the others so badly
-// that anything may seem to help there.
+// Without the greatest of them: a single piece, the only one to turn perhaps, is predicted by the others so
+// badly that anything may seem to help there.
 double usual_sum(const std::vector<double>& gain) {
     const auto n = static_cast<double>(gain.size());
     if (n < 2) return 0;

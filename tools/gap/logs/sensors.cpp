@@ -160,7 +160,7 @@ std::size_t samples_together(const MeasuredLog& log) {
     return std::max<std::size_t>(1, together);
 }
 
-// `step`: that the speeds are told in; 0: none.
+// `step`: that the speeds are reported in; 0: none.
 void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
                std::vector<LogFault>& faults) {
     const auto still = [&](std::size_t i) {
@@ -187,8 +187,8 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
         i = std::max(end, i + 1);
     }
     const double chance = moving > 0 ? alone / moving : 1.0;
-    // told in steps a steady speed repeats, and goes on by one of them, or as fast as it goes on from there:
-    // behind samples that were lost it leaps by what all of them lacked
+    // reported in steps a steady speed repeats, and goes on by one of them, or as fast as it goes on from
+    // there: behind samples that were lost it leaps by what all of them lacked
     const auto goes_on = [&](std::size_t end) {
         if (step == 0 || end >= log.samples.size()) return step > 0;
         return std::all_of(kSides.begin(), kSides.end(), [&](const Side side) {

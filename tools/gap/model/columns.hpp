@@ -1,9 +1,9 @@
 // Which columns of regression the search has for the effects of the catalogue.
 //
 // An effect that is linear in its coordinates has one column for each. Any other enters at points: for each
-// of a few values of its nonlinear parameters there are columns of what it does there ("grid"), and once it
-// has been found, of what it does at the values found and how that changes with each parameter ("focus"),
-// which is a Gauss-Newton step.
+// of a few values of its nonlinear parameters there are columns of what it does there (a starting point), and
+// once it has been found, of what it does at the values found and how that changes with each parameter
+// (linearised), which is a Gauss-Newton step.
 #pragma once
 
 #include <Eigen/Core>
@@ -44,30 +44,30 @@ struct Amount {
     bool operator==(const Amount&) const = default;
 };
 
-// One way in which an effect may enter a model.
+// One form in which an effect may enter a model.
 struct Candidate {
     enum class Kind { linear, start, linearised };
     std::size_t effect = model::kEffectCount;
     Kind kind = Kind::linear;
     std::vector<Amount> amounts;
     std::vector<int> fixed;            // columns whose coefficient is one
-    model::Parameters<double> at{};    // grid, focus: the point
-    std::vector<std::size_t> free;     // focus: the parameter of each amount
+    model::Parameters<double> at{};    // start, linearised: the point
+    std::vector<std::size_t> free;     // linearised: of each amount
     bool together = false;             // linear: left and right share one amount
     std::vector<unsigned> coordinate;  // linear: of each amount
-    // grid, focus: the parameter that a log may not show, and whether this way leaves it open
+    // start, linearised: the parameter that a log may not show, and whether this candidate leaves it open
     std::size_t hidden = model::kMaxEffectParameters;
     bool leaves_open = false;
 
     bool same_effect(const Candidate& other) const { return effect == other.effect; }
 };
 
-// The way that leaves open what the log may not show: at a point of a grid one amount stands for all, at a
-// focus the parameter stays. None: nothing may be left open.
+// The candidate that leaves open what the log may not show: at a starting point one amount stands for all, at
+// a linearised the parameter stays. None: nothing may be left open.
 std::optional<Candidate> left_free(const Candidate& candidate);
 
-// The parameters that amounts of a way stand for. The second says whether the amounts are plausible for it: a
-// lag whose column would have to be taken ten times is another lag, or none.
+// The parameters that amounts of a candidate stand for. The second says whether the amounts are plausible for
+// it: a lag whose column would have to be taken ten times is another lag, or none.
 std::pair<model::Parameters<double>, bool> parameters_of(const Candidate& candidate,
                                                          const Eigen::VectorXd& amounts,
                                                          const Setting& setting);
@@ -84,8 +84,8 @@ class Dictionary {
     // Columns that every model has.
     enum Base : int { kProduct, kTorque, kTiming, kFirstEffect };
 
-    // `focus`: effects that are to be refined, and from where. Without `grids` the others that are not linear
-    // have no columns, which are most of the work. `places`: with the columns of places.hpp, last.
+    // `linearised`: effects that are to be refined, and from where. Without `starts` the others that are not
+    // linear have no columns, which are most of the work. `places`: with the columns of places.hpp, last.
     Dictionary(const Setting& setting, const Points& linearised, bool starts = true, bool places = false);
 
     const Setting& setting() const { return setting_; }
@@ -96,7 +96,7 @@ class Dictionary {
     // Of a place.
     std::vector<int> rich_columns_of(std::string_view place) const;
     std::pair<int, int> place_columns() const { return places_; }
-    // Whether an effect that is not linear can be looked at more closely than at the grid's points.
+    // Whether an effect that is not linear has columns closer than its starting points.
     bool can_linearise(std::size_t effect) const;
     // Of an effect that is not linear.
     std::span<const Candidate> candidates(std::size_t effect) const { return candidates_[effect]; }

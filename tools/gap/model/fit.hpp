@@ -37,7 +37,7 @@ double squares(const Blocks& blocks, const Fit& fit);
 double squares(const Block& block, const Fit& fit);
 double row_count(const Blocks& blocks, const ModelShape& shape);
 
-// Sum of the squared difference of the whitened rows that two fits foretell.
+// Sum of the squared difference of the whitened rows that two fits predict.
 double squares_apart(const Block& block, const Fit& a, const Fit& b);
 
 // What the torque alone does, in the same measure: to give shares.

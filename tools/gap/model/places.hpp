@@ -21,7 +21,7 @@ class PlaceColumns {
     // Time passes.
     void advance(const Interval& interval);
 
-    // Of each column in order: its place, and with which others it is looked at.
+    // Of each column in order: its place, and with which others it is fitted.
     struct Kind {
         std::string_view place;
         int aspect = 0;
@@ -36,7 +36,7 @@ class PlaceColumns {
     std::vector<WheelPair<double>> late_torque_, late_sign_;
 };
 
-// Columns that are looked at together.
+// Columns that are fitted together.
 struct Aspect {
     std::string_view place;
     std::vector<int> columns;

@@ -16,7 +16,7 @@ using report::Section;
 using report::Tone;
 using tools::number_text;
 
-constexpr double kSmallest = 1e-6;  // probability that is told in figures
+constexpr double kSmallest = 1e-6;  // probability that is printed
 
 std::string code(const std::string& text) { return std::string("`").append(text).append("`"); }
 std::string percent(double share, int digits = 3) { return number_text(100 * share, digits) + " %"; }
