@@ -55,30 +55,6 @@ Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vecto
     }
 }
 
-Members with(Members members, const Candidate& candidate) {
-    members.push_back(candidate);
-    return members;
-}
-Members without(Members members, std::size_t i) {
-    members.erase(members.begin() + static_cast<std::ptrdiff_t>(i));
-    return members;
-}
-bool contains(const Members& members, std::size_t effect) {
-    return std::any_of(members.begin(), members.end(),
-                       [&](const Candidate& m) { return m.effect == effect; });
-}
-
-Eigen::Index first_amount_of(const Members& members, std::size_t member) {
-    std::size_t at = 1;
-    for (std::size_t i = 0; i < member; ++i) at += members[i].amounts.size();
-    return kFirstAmount + static_cast<Eigen::Index>(at);
-}
-
-Eigen::VectorXd amounts_in(const Members& members, std::size_t member, const Fit& f) {
-    return f.value.segment(first_amount_of(members, member),
-                           static_cast<Eigen::Index>(members[member].amounts.size()));
-}
-
 std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member, const Fit& f,
                                              const Setting& setting, std::size_t blocks) {
     const Eigen::VectorXd amounts = amounts_in(members, member, f);
@@ -108,29 +84,11 @@ double least_share(const Members& members, const Candidate& candidate) {
     return members.size() > 1 && !usual ? kPolicy.effect : kPolicy.effect_alone;
 }
 
-std::size_t unknowns(const Candidate& candidate) {
-    return candidate.kind == Candidate::Kind::linear ? candidate.amounts.size()
-                                                     : model::kEffects[candidate.effect].parameters.size();
-}
-
-std::size_t unknowns(const Members& members) {
-    std::size_t sum = 0;
-    for (const Candidate& m : members) sum += unknowns(m);
-    return sum;
-}
-
-std::tuple<bool, std::size_t, std::size_t> simplicity(const Candidate& candidate) {
-    return {candidate.kind != Candidate::Kind::linear, unknowns(candidate), candidate.effect};
-}
-
 void note_point(const Members& members, std::size_t member, const Fit& f, const Setting& setting,
                 Points& points) {
     const Candidate& candidate = members[member];
     if (candidate.kind == Candidate::Kind::linear) return;
-    auto p = parameters_of(candidate, amounts_in(members, member, f), setting).first;
-    const auto& info = model::kEffects[candidate.effect].parameters;
-    for (std::size_t j = 0; j < info.size(); ++j) p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
-    points[candidate.effect] = p;
+    points[candidate.effect] = parameters_within_range(candidate, amounts_in(members, member, f), setting);
 }
 
 Sample::Sample(Blocks of) : blocks(std::move(of)), rest(std::min(kFolds, blocks.size())) {
@@ -207,14 +165,8 @@ std::vector<Candidate> Evidence::candidates(std::size_t effect) const {
 }
 
 ModelShape Evidence::shape_of(const Members& members) const {
-    ModelShape shape;
-    shape.turning = options_.turning;
+    ModelShape shape = gap::shape_of(members, options_.turning);
     shape.held_gain[kLinear] = options_.k7_per_kg_m;
-    shape.amounts.push_back({{Dictionary::kTiming}});
-    for (const Candidate& m : members) {
-        shape.amounts.insert(shape.amounts.end(), m.amounts.begin(), m.amounts.end());
-        shape.fixed.insert(shape.fixed.end(), m.fixed.begin(), m.fixed.end());
-    }
     return shape;
 }
 

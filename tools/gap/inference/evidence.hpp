@@ -7,7 +7,6 @@
 #include <array>
 #include <cstddef>
 #include <optional>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -23,16 +22,6 @@ inline constexpr double kActs = 0.02;
 // A fit with these in it as far as they come out as friction; one that drives is none.
 Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions);
 
-// Forms in which effects enter the model, in the order of their amounts in a fit; one of each effect at most.
-using Members = std::vector<Candidate>;
-Members with(Members members, const Candidate& candidate);
-Members without(Members members, std::size_t i);
-bool contains(const Members& members, std::size_t effect);
-
-// Where a member's amounts begin in Fit::value, and what they are.
-Eigen::Index first_amount_of(const Members& members, std::size_t member);
-Eigen::VectorXd amounts_in(const Members& members, std::size_t member, const Fit& fit);
-
 // A member's parameters, in the catalogue's order and units, of a fit to so many blocks.
 std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t member, const Fit& fit,
                                              const Setting& setting, std::size_t blocks);
@@ -43,13 +32,6 @@ void note_point(const Members& members, std::size_t member, const Fit& fit, cons
 
 // Of the torque, that the torque of the members' last is to be.
 double least_share(const Members& members, const Candidate& candidate);
-
-// Parameters to choose.
-std::size_t unknowns(const Candidate& candidate);
-std::size_t unknowns(const Members& members);
-
-// Linear in its parameters first, then fewer unknowns, then the catalogue's order.
-std::tuple<bool, std::size_t, std::size_t> simplicity(const Candidate& candidate);
 
 // The amounts at `at` and behind it differ by more than chance; the variance of their difference.
 bool apart(const Fit& fit, Eigen::Index at);

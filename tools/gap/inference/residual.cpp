@@ -27,30 +27,12 @@ Points points_of(const Search& search, const ResidualOptions& options) {
     return points;
 }
 
-// A member of the model as another dictionary has it, which was made with where the members are.
-Candidate same_candidate(const Dictionary& dictionary, const Candidate& candidate) {
-    if (candidate.kind == Candidate::Kind::linear) return candidate;
-    const std::span<const Candidate> all = dictionary.candidates(candidate.effect);
-    Candidate same = all.back();  // the linearised one
-    for (const Candidate& other : all) {
-        if (candidate.kind == Candidate::Kind::start && other.kind == candidate.kind &&
-            other.at == candidate.at)
-            same = other;
-    }
-    if (candidate.amounts.empty()) same.amounts.clear();  // given, and not refitted
-    return same;
-}
-
 // A model with these members, fitted anew.
 Fit model_of(std::span<const Candidate> members, const Dictionary& dictionary, const Blocks& blocks,
              bool turning) {
-    ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning, {}};
-    for (const Candidate& member : members) {
-        const Candidate candidate = same_candidate(dictionary, member);
-        shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
-        shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
-    }
-    return fit(blocks, shape, Spread::none);
+    Members same;
+    for (const Candidate& member : members) same.push_back(same_candidate(dictionary, member));
+    return fit(blocks, shape_of(same, turning), Spread::none);
 }
 
 Place place_of(const Structure& structure, double closable) {

@@ -126,13 +126,8 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
             if (!contains(fewer, candidate.effect)) fewer.push_back(candidate);
         }
         const bool instead = fewer.size() >= search.members.size();
-        ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning, {}};
-        for (const Candidate& candidate : fewer) {
-            shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
-            shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
-        }
         if (!with_all) with_all = missed(search.members, search.after);
-        const double without_it = missed(fewer, fit(train, shape, Spread::none));
+        const double without_it = missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
         // one that runs away is no number; friction in its place is likelier, unless it does better
         if (std::isfinite(without_it) && !(*with_all < (instead ? 1 : 1 + kPolicy.better_by) * without_it))
             return search.members[i].effect;

@@ -529,28 +529,6 @@ std::vector<std::string> unknowable(const Fit& f, bool turning) {
     return names;
 }
 
-std::vector<Amount> directions(const Candidate& candidate) {
-    if (candidate.fixed.empty()) return candidate.amounts;
-    return {{candidate.fixed}};
-}
-
-model::EffectSet<double> effects_of(const std::vector<Candidate>& members, const Fit& f,
-                                    const Setting& setting) {
-    model::EffectSet<double> set;
-    Eigen::Index at = kFirstAmount + 1;
-    for (const Candidate& candidate : members) {
-        const auto count = static_cast<Eigen::Index>(candidate.amounts.size());
-        model::Parameters<double> p = parameters_of(candidate, f.value.segment(at, count), setting).first;
-        at += count;
-        const auto& info = model::kEffects[candidate.effect].parameters;
-        for (std::size_t j = 0; j < info.size(); ++j)
-            p[j] = std::clamp(p[j], info[j].minimum, info[j].maximum);
-        set.active[candidate.effect] = true;
-        set.parameter[candidate.effect] = p;
-    }
-    return set;
-}
-
 Search search(const BlockSet& train, const SearchOptions& options) { return Searcher(train, options).run(); }
 
 }  // namespace wheelwright::gap

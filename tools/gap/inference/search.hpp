@@ -12,7 +12,7 @@
 #include "firmware/model/effects.hpp"
 #include "tools/gap/inference/policy.hpp"
 #include "tools/gap/inference/verdict.hpp"
-#include "tools/gap/model/fit.hpp"
+#include "tools/gap/model/members.hpp"
 
 namespace wheelwright::gap {
 
@@ -55,14 +55,7 @@ struct Search {
 // `train` selects and confirms.
 Search search(const BlockSet& train, const SearchOptions& options);
 
-// The effects of a fit with these members.
-model::EffectSet<double> effects_of(const std::vector<Candidate>& members, const Fit& fit,
-                                    const Setting& setting);
-
 // K5..K8 that a fit does not know.
 std::vector<std::string> unknowable(const Fit& fit, bool turning);
-
-// The columns that an effect's presence shows in.
-std::vector<Amount> directions(const Candidate& candidate);
 
 }  // namespace wheelwright::gap

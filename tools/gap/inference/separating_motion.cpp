@@ -59,18 +59,13 @@ Candidate candidate_of(const Dictionary& dictionary, std::size_t effect,
 
 // With `effect` in the place of the one named.
 Fit fit_with(const Blocks& blocks, const Dictionary& dictionary, const Confusion& c, std::size_t effect) {
-    ModelShape shape;
-    shape.amounts.push_back({{Dictionary::kTiming}});
-    const auto add = [&](const Candidate& candidate) {
-        shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
-        shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
-    };
+    Members members;
     for (const Candidate& member : c.members) {
         if (member.effect != c.effect && member.effect != effect)
-            add(candidate_of(dictionary, member.effect, c.members));
+            members.push_back(candidate_of(dictionary, member.effect, c.members));
     }
-    add(candidate_of(dictionary, effect, c.members));
-    return fit(blocks, shape);
+    members.push_back(candidate_of(dictionary, effect, c.members));
+    return fit(blocks, shape_of(members, true));
 }
 
 // Grids, which are most of the work, only where a rival is known by nothing else.

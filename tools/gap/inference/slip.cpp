@@ -146,16 +146,9 @@ RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options) {
     block_options.dictionary = &dictionary;
     block_options.kept = nullptr;
     const WeighedBlocks weighed = weighed_blocks(options.training, block_options, options.known.excluded);
-    ModelShape shape{{{{Dictionary::kTiming}}}, {}, options.turning, {}};
-    for (const Candidate& member : search.members) {
-        Candidate candidate = member;
-        if (candidate.kind != Candidate::Kind::linear) {
-            candidate = dictionary.candidates(member.effect).back();
-            if (member.amounts.empty()) candidate.amounts.clear();
-        }
-        shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
-        shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
-    }
+    Members members;
+    for (const Candidate& member : search.members) members.push_back(same_candidate(dictionary, member));
+    ModelShape shape = shape_of(members, options.turning);
     // in proportion to the slip speed
     shape.amounts.push_back(dictionary.candidates(kSlip).back().amounts.front());
     const Fit f = fit(pointers(weighed.set), shape);
