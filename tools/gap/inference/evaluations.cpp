@@ -15,6 +15,7 @@ namespace {
 
 constexpr std::size_t kFewestBlocks = 6;
 constexpr int kMostPasses = 6;
+constexpr double kClear = 3;  // of zero, standard errors
 
 bool close(const model::Dynamics<double>& a, const model::Dynamics<double>& b) {
     const auto near = [](double x, double y, double scale) { return std::abs(x - y) < 1e-3 * scale; };
@@ -114,19 +115,21 @@ std::optional<std::string> Evaluations::first_model() {
     ModelShape shape{{{{Dictionary::kTiming}}}, {}, turning_, {}};
     if (!driving_) shape.held_gain[kLinear] = 1;  // any: the log does not show it
     Fit f = fit_beside_friction(pointers(current_->train), shape, frictions);
-    if (driving_ && !(f.value(2) > 0)) {
+    double& k7 = f.value(gain_of(kLinear));
+    const double k8 = f.value(gain_of(kTurning));
+    if (driving_ && !(k7 > 0)) {
         return "forward torque slows the robot down: is the sign of torque or speed wrong?";
     }
-    if (turning_ && !(f.value(3) > 3 * f.error(3))) {
-        if (f.value(3) < -3 * f.error(3)) {
+    if (turning_ && !(k8 > kClear * f.error(gain_of(kTurning)))) {
+        if (k8 < -kClear * f.error(gain_of(kTurning))) {
             return "torque turns the robot the wrong way: are left and right of torque or speed swapped?";
         }
         turning_ = turned_with_an_effect(f);  // else turned, but not by the torques
     }
     if (!driving_) {
         if (!turning_) return "the torques neither drive nor turn the robot";
-        f.value(2) = f.value(3) * options_.geometry.track_m / 4;  // as if the mass were above the wheels
-        k7_per_kg_m_ = f.value(2);
+        k7 = k8 * options_.geometry.track_m / 4;  // as if the mass were above the wheels
+        k7_per_kg_m_ = k7;
     }
     if (!turning_) {
         kept_ = {};  // made of what the wheels differ by
@@ -156,7 +159,9 @@ bool Evaluations::turned_with_an_effect(const Fit& without) const {
             shape.amounts.push_back({{c}});
         if (shape.amounts.size() == 1) continue;
         const Fit with = fit(pointers(current_->train), shape);
-        if (with.value(3) > 3 * with.error(3) && with.squares < kMost * without.squares) return true;
+        if (with.value(gain_of(kTurning)) > kClear * with.error(gain_of(kTurning)) &&
+            with.squares < kMost * without.squares)
+            return true;
     }
     return false;
 }

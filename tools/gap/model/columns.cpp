@@ -22,17 +22,23 @@ struct Rich {
     std::string_view place;
     WheelPair<double> (*value)(const Instant&);
 };
-WheelPair<double> each(const WheelPair<double>& a, double (*f)(double)) { return {f(a.left), f(a.right)}; }
+using Pair = WheelPair<double>;
+Pair each(const Pair& a, double (*f)(double)) { return {f(a.left), f(a.right)}; }
+Pair each(const Pair& a, const Pair& b, double (*f)(double, double)) {
+    return {f(a.left, b.left), f(a.right, b.right)};
+}
+Pair turn(double torque) { return {-torque, torque}; }
+Pair drive(double torque) { return {torque, torque}; }
 
 // NOLINTBEGIN(readability-magic-numbers): shapes, not quantities
 constexpr std::array kRich{
     Rich{"wheel speed",
          [](const Instant& i) {
-             return WheelPair<double>{i.speed.left, 0};
+             return Pair{i.speed.left, 0};
          }},
     Rich{"wheel speed",
          [](const Instant& i) {
-             return WheelPair<double>{0, i.speed.right};
+             return Pair{0, i.speed.right};
          }},
     Rich{"wheel speed",
          [](const Instant& i) { return each(i.speed, [](double w) { return w * std::abs(w) / 10; }); }},
@@ -40,86 +46,55 @@ constexpr std::array kRich{
          [](const Instant& i) { return each(i.speed, [](double w) { return w * w * w / 100; }); }},
     Rich{"direction of turning of the wheels",
          [](const Instant& i) {
-             return WheelPair<double>{sign_of(i.speed.left), 0};
+             return Pair{sign_of(i.speed.left), 0};
          }},
     Rich{"direction of turning of the wheels",
          [](const Instant& i) {
-             return WheelPair<double>{0, sign_of(i.speed.right)};
+             return Pair{0, sign_of(i.speed.right)};
          }},
     Rich{"low wheel speed",
          [](const Instant& i) {
              return each(i.speed, [](double w) { return sign_of(w) * std::exp(-w * w); });
          }},
+    Rich{"yaw rate", [](const Instant& i) { return turn(sign_of(i.twist.omega_rad_per_s)); }},
     Rich{"yaw rate",
-         [](const Instant& i) {
-             const double s = sign_of(i.twist.omega_rad_per_s);
-             return WheelPair<double>{-s, s};
-         }},
-    Rich{"yaw rate",
-         [](const Instant& i) {
-             const double w = i.twist.omega_rad_per_s * std::abs(i.twist.omega_rad_per_s);
-             return WheelPair<double>{-w, w};
-         }},
+         [](const Instant& i) { return turn(i.twist.omega_rad_per_s * std::abs(i.twist.omega_rad_per_s)); }},
     Rich{"torque",
          [](const Instant& i) {
-             return WheelPair<double>{i.torque.left, 0};
+             return Pair{i.torque.left, 0};
          }},
     Rich{"torque", [](const Instant& i) { return each(i.torque, [](double t) { return t * std::abs(t); }); }},
     Rich{"torque", [](const Instant& i) { return each(i.torque, sign_of); }},
     Rich{"torque times speed",
          [](const Instant& i) {
-             return WheelPair<double>{i.torque.left * std::abs(i.speed.left) / 10,
-                                      i.torque.right * std::abs(i.speed.right) / 10};
+             return each(i.torque, i.speed, [](double t, double w) { return t * std::abs(w) / 10; });
          }},
     Rich{"lag",
          [](const Instant& i) {
-             return WheelPair<double>{i.slow_torque.left - i.torque.left,
-                                      i.slow_torque.right - i.torque.right};
+             return each(i.slow_torque, i.torque, [](double late, double now) { return late - now; });
          }},
     Rich{"constant",
          [](const Instant&) {
-             return WheelPair<double>{1, 0};
+             return Pair{1, 0};
          }},
     Rich{"constant",
          [](const Instant&) {
-             return WheelPair<double>{0, 1};
+             return Pair{0, 1};
          }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double c = std::cos(i.heading);
-             return WheelPair<double>{c, c};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double s = std::sin(i.heading);
-             return WheelPair<double>{s, s};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double c = std::cos(i.heading);
-             return WheelPair<double>{-c, c};
-         }},
-    Rich{"heading",
-         [](const Instant& i) {
-             const double s = std::sin(i.heading);
-             return WheelPair<double>{-s, s};
-         }},
+    Rich{"heading", [](const Instant& i) { return drive(std::cos(i.heading)); }},
+    Rich{"heading", [](const Instant& i) { return drive(std::sin(i.heading)); }},
+    Rich{"heading", [](const Instant& i) { return turn(std::cos(i.heading)); }},
+    Rich{"heading", [](const Instant& i) { return turn(std::sin(i.heading)); }},
     Rich{"wheel angle", [](const Instant& i) { return each(i.angle, [](double a) { return std::sin(a); }); }},
     Rich{"wheel angle", [](const Instant& i) { return each(i.angle, [](double a) { return std::cos(a); }); }},
     Rich{"time",
          [](const Instant& i) {
-             return WheelPair<double>{i.torque.left * i.time / 30, i.torque.right * i.time / 30};
+             return Pair{i.torque.left * i.time / 30, i.torque.right * i.time / 30};
          }},
     Rich{"coupling of turning and driving",
-         [](const Instant& i) {
-             const double w = i.twist.omega_rad_per_s * i.twist.omega_rad_per_s;
-             return WheelPair<double>{-w, w};
-         }},
+         [](const Instant& i) { return turn(i.twist.omega_rad_per_s * i.twist.omega_rad_per_s); }},
     Rich{"coupling of turning and driving",
-         [](const Instant& i) {
-             const double w = i.twist.omega_rad_per_s * i.twist.v_m_per_s;
-             return WheelPair<double>{w, w};
-         }},
+         [](const Instant& i) { return drive(i.twist.omega_rad_per_s * i.twist.v_m_per_s); }},
 };
 // NOLINTEND(readability-magic-numbers)
 

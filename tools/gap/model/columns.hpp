@@ -58,8 +58,6 @@ struct Candidate {
     // start, linearised: the parameter that a log may not show, and whether this candidate leaves it open
     std::size_t hidden = model::kMaxEffectParameters;
     bool leaves_open = false;
-
-    bool same_effect(const Candidate& other) const { return effect == other.effect; }
 };
 
 // The candidate that leaves open what the log may not show: at a starting point one amount stands for all, at
