@@ -6,11 +6,13 @@
 #include <utility>
 
 #include "tools/cli/report.hpp"
+#include "tools/gap/gap_evidence.hpp"
 #include "tools/gap/gap_looks.hpp"
 #include "tools/gap/gap_misfit.hpp"
 #include "tools/gap/gap_models.hpp"
 #include "tools/gap/gap_rivals.hpp"
 #include "tools/gap/gap_slip.hpp"
+#include "tools/gap/gap_statistics.hpp"
 #include "tools/gap/inference/outcome.hpp"
 #include "tools/gap/inference/residual.hpp"
 #include "tools/gap/inference/sensor_evidence.hpp"
@@ -63,11 +65,23 @@ std::vector<int> shapes_of_friction(const Look& look) {
 }
 
 // Intervals are as wide as other estimates of the same differ, `weak` among them: the fit before it was
-// refined.
+// refined. What few pieces tell has an error as much larger as Student's t has it.
 void take_misfit(Search& search, const Fit& weak, const Look& last) {
+    Eigen::VectorXd few = weak.telling;
+    for (double& telling : few)
+        telling = std::max(1.0, interval_quantile(telling + 3) / interval_quantile(double(search.blocks)));
+    std::vector<Amount> frictions;
+    for (const Way& way : search.friction) {
+        if (!contains(search.members, way.effect))
+            frictions.insert(frictions.end(), way.amounts.begin(), way.amounts.end());
+    }
     const Eigen::VectorXd refined_by = search.after.value - weak.value;
-    search.after.covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last)) +
-                               refined_by * refined_by.transpose();
+    search.after.covariance = few.asDiagonal() * search.after.covariance * few.asDiagonal();
+    search.after.covariance +=
+        misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last), frictions) +
+        refined_by * refined_by.transpose();
+    for (const Eigen::VectorXd& moved : search.moved_by_rivals)
+        search.after.covariance += moved * moved.transpose() / 2;
     take_refined(search, last.dictionary.setting());
 }
 

@@ -15,7 +15,7 @@ std::vector<ParameterEstimate> estimates_of(const Way& way, const Eigen::VectorX
                                             std::size_t blocks) {
     const auto& info = model::kEffects[way.effect].parameters;
     const Eigen::Index count = amount.size();
-    const double quantile = interval_quantile(blocks);
+    const double quantile = interval_quantile(double(blocks));
     const auto value_at = [&](const Eigen::VectorXd& a) { return parameters_of(way, a, setting).first; };
     const model::Parameters<double> p = value_at(amount);
     std::vector<ParameterEstimate> estimates;

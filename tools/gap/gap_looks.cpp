@@ -168,6 +168,7 @@ void Looks::look() {
     search_options.given = known.given;
     search_options.excluded = known.excluded;
     search_options.rivals_only = known.rivals_only;
+    if (turning_) search_options.shown = known.shown;
     for (std::size_t i = 0; !only_.empty() && i < model::kEffectCount; ++i) {
         if (std::find(only_.begin(), only_.end(), i) == only_.end()) search_options.excluded.push_back(i);
     }
@@ -214,6 +215,7 @@ bool Looks::look_without_the_least() {
     const Search& s = look_->search;
     if (s.effects.size() < 2 || s.verdict == Verdict::unexplained || s.effects.back().closes > kNextToNothing)
         return false;
+    if (std::find(s.shown.begin(), s.shown.end(), s.effects.back().effect) != s.shown.end()) return false;
     std::vector<std::size_t> others;
     Points points;
     for (std::size_t i = 0; i + 1 < s.effects.size(); ++i) {

@@ -114,7 +114,9 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     };
     std::optional<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
-        if (std::find(kFrictions.begin(), kFrictions.end(), search.members[i].effect) != kFrictions.end())
+        if (std::find(kFrictions.begin(), kFrictions.end(), search.members[i].effect) != kFrictions.end() ||
+            std::find(search.shown.begin(), search.shown.end(), search.members[i].effect) !=
+                search.shown.end())
             continue;
         // held against a drive train with its usual friction, where it has taken the place of that
         Members fewer = without(search.members, i);
