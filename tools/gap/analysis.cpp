@@ -8,6 +8,7 @@
 
 #include "tools/cli/report.hpp"
 #include "tools/gap/inference/evaluations.hpp"
+#include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/misfit.hpp"
 #include "tools/gap/inference/outcome.hpp"
 #include "tools/gap/inference/residual.hpp"
@@ -15,6 +16,7 @@
 #include "tools/gap/inference/robots.hpp"
 #include "tools/gap/inference/sensor_evidence.hpp"
 #include "tools/gap/inference/slip.hpp"
+#include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/logs/experiment.hpp"
 #include "tools/gap/report/robot_files.hpp"
 
@@ -66,12 +68,23 @@ std::vector<int> shapes_of_friction(const Evaluation& evaluation) {
 }
 
 // With intervals as wide as other estimates of the same differ, that of `weak` among them: the fit before it
-// was refined.
+// was refined. What few pieces tell has an error as much larger as Student's t has it.
 Search with_misfit(const Search& search, const Fit& weak, const Evaluation& last) {
     Search result = search;
+    Eigen::VectorXd few = weak.telling;
+    for (double& telling : few)
+        telling = std::max(1.0, interval_quantile(telling + 3) / interval_quantile(double(search.blocks)));
+    std::vector<Amount> frictions;
+    for (const Candidate& candidate : search.friction) {
+        if (!contains(search.members, candidate.effect))
+            frictions.insert(frictions.end(), candidate.amounts.begin(), candidate.amounts.end());
+    }
     const Eigen::VectorXd refined_by = search.after.value - weak.value;
-    result.after.covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last)) +
-                               refined_by * refined_by.transpose();
+    Eigen::MatrixXd& covariance = result.after.covariance;
+    covariance = few.asDiagonal() * search.after.covariance * few.asDiagonal();
+    covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last), frictions) +
+                  refined_by * refined_by.transpose();
+    for (const Eigen::VectorXd& moved : search.moved_by_rivals) covariance += moved * moved.transpose() / 2;
     result.effects = described_anew(result, last.dictionary.setting());
     return result;
 }

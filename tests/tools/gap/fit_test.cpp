@@ -88,6 +88,44 @@ TEST(GapFit, standard_errors_are_honest_where_few_blocks_tell) {
     }
 }
 
+TEST(GapFit, the_blocks_that_tell_of_a_value_are_counted) {
+    for (const int acting : {24, 6, 1}) {
+        const gap::Fit f = gap::fit(Experiment(3, acting).pointers, one_equation());
+        CHECK(f.telling(2) > 18 && f.telling(2) < 24.1);
+        CHECK(f.telling(kAt) > 0.75 * acting && f.telling(kAt) < acting + 0.1);
+    }
+}
+
+// A friction that is too small to be named is in the others: as far as it would move them they are unknown.
+TEST(GapFit, what_is_left_out_widens_what_it_stands_in) {
+    const Experiment e(9, 24);
+    gap::BlockSet set;
+    set.blocks = e.blocks;
+    set.wheel_power = Eigen::MatrixXd::Zero(4, 4);
+    for (gap::Block& block : set.blocks) {  // the torque has some of the column in it
+        block.row[gap::kLinear].col(1) += 0.5 * block.row[gap::kLinear].col(3);
+        block.product[gap::kLinear] = block.row[gap::kLinear].transpose() * block.row[gap::kLinear];
+    }
+    gap::ModelShape without = one_equation();
+    without.amounts.pop_back();
+    const gap::Fit with = gap::fit(gap::pointers(set), one_equation());
+    const gap::Fit fit = gap::fit(gap::pointers(set), without);
+    CHECK(with.value(kAt) < 0);  // as if it drove: it is no friction
+    const std::vector<gap::Amount> friction{{{3}}};
+    const double apart = gap::misfit_covariance(set, {}, fit, {}, friction)(2, 2) -
+                         gap::misfit_covariance(set, {}, fit, {}, {})(2, 2);
+    DOUBLES_EQUAL(0, apart, 1e-12);
+    for (gap::Block& block : set.blocks) {
+        block.row[gap::kLinear].col(3) *= -1;
+        block.product[gap::kLinear] = block.row[gap::kLinear].transpose() * block.row[gap::kLinear];
+    }
+    const double moved = with.value(2) - fit.value(2);
+    DOUBLES_EQUAL(moved * moved,
+                  gap::misfit_covariance(set, {}, fit, {}, friction)(2, 2) -
+                      gap::misfit_covariance(set, {}, fit, {}, {})(2, 2),
+                  0.05 * moved * moved);
+}
+
 TEST(GapFit, what_one_block_tells_has_the_error_of_its_rows) {
     const Experiment e(5, 1);
     const gap::Fit f = gap::fit(e.pointers, one_equation());
@@ -238,7 +276,7 @@ TEST(GapMisfit, errors_grow_with_what_the_model_leaves_out_alone) {
             set.wheel_power = Eigen::MatrixXd::Zero(4, 4);
             const gap::Fit f = gap::fit(e.pointers, one_equation());
             told += f.covariance(kAt, kAt) / kTries;
-            more += gap::misfit_covariance(set, {}, f, {})(kAt, kAt) / kTries;
+            more += gap::misfit_covariance(set, {}, f, {}, {})(kAt, kAt) / kTries;
         }
         if (rising == 0) {
             CHECK(more < 2 * told);

@@ -11,6 +11,7 @@
 #include "tests/tools/gap/hidden_effect.hpp"
 #include "tests/tools/ident/temporary_file.hpp"
 #include "tools/gap/analysis.hpp"
+#include "tools/gap/inference/sensor_evidence.hpp"
 #include "tools/gap/logs/experiment.hpp"
 #include "tools/gap/logs/sensors.hpp"
 #include "tools/gap/report/held_out.hpp"
@@ -356,8 +357,28 @@ TEST(GapFindings, driven_straight_nothing_is_said_of_turning) {
     const gap::Findings f = analyse(hidden);
     CHECK_FALSE(f.turning);
     STRCMP_EQUAL(" coulomb_friction", names_of(f).c_str());
-    CHECK(std::find(f.search.unknowable.begin(), f.search.unknowable.end(), "K8") !=
-          f.search.unknowable.end());
+    for (const char* of_turning : {"K5", "K6", "K8"}) {
+        CHECK(std::find(f.search.unknowable.begin(), f.search.unknowable.end(), of_turning) !=
+              f.search.unknowable.end());
+    }
+    // the wheels' sum is known, its shares are not
+    const gap::ParameterEstimate& left = f.effects[0].parameters[0];
+    CHECK(left.standard_error > 0.1 * left.value);
+}
+
+TEST(GapFindings, a_gyro_that_turns_with_the_speed_shows_unequal_radii) {
+    constexpr double kTrack_m = 0.4;
+    const std::size_t mismatch = model::find_effect("wheel_radius_mismatch");
+    gap::Sensors sensors;
+    sensors.gyro.emplace();
+    sensors.gyro->bend_per_m = 0.05;
+    sensors.gyro->bend_error = 0.01;
+    const std::vector<std::size_t> shown = gap::known_before(sensors, {}, kTrack_m).shown;
+    LONGS_EQUAL(1, shown.size());
+    LONGS_EQUAL(mismatch, shown.front());
+    CHECK(gap::known_before(sensors, std::vector{mismatch}, kTrack_m).shown.empty());
+    sensors.gyro->bend_error = 0.02;  // it may be none
+    CHECK(gap::known_before(sensors, {}, kTrack_m).shown.empty());
 }
 
 TEST(GapFindings, a_bias_driven_straight_names_the_slope_as_its_rival) {

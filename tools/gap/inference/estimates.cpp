@@ -13,7 +13,7 @@ std::vector<ParameterEstimate> estimates_of(const Candidate& candidate, const Ei
                                             std::size_t blocks) {
     const auto& info = model::kEffects[candidate.effect].parameters;
     const Eigen::Index count = amount.size();
-    const double quantile = interval_quantile(blocks);
+    const double quantile = interval_quantile(double(blocks));
     const auto value_at = [&](const Eigen::VectorXd& a) {
         return parameters_of(candidate, a, setting).first;
     };

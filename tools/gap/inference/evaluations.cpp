@@ -174,6 +174,7 @@ void Evaluations::evaluate() {
     search_options.given = known.given;
     search_options.excluded = known.excluded;
     search_options.rivals_only = known.rivals_only;
+    if (turning_) search_options.shown = known.shown;
     for (std::size_t i = 0; !only_.empty() && i < model::kEffectCount; ++i) {
         if (std::find(only_.begin(), only_.end(), i) == only_.end()) search_options.excluded.push_back(i);
     }
@@ -221,6 +222,7 @@ bool Evaluations::evaluate_without_the_least() {
     if (s.effects.size() < 2 || s.conclusion.verdict == Verdict::unexplained ||
         s.effects.back().closes > kNextToNothing)
         return false;
+    if (s.is_shown(s.effects.back().effect)) return false;
     std::vector<std::size_t> others;
     Points points;
     for (std::size_t i = 0; i + 1 < s.effects.size(); ++i) {

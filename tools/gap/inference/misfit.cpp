@@ -96,9 +96,16 @@ Eigen::MatrixXd covariance_of(const std::vector<Fit>& others, const Fit& usual) 
 }  // namespace
 
 Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, const Fit& found,
-                                  std::span<const int> shapes) {
+                                  std::span<const int> shapes, std::span<const Amount> frictions) {
     const Fit usual = posed(set, colour, found.shape, 0).fitted();
-    return covariance_of(other_fits(set, colour, found.shape, shapes), usual);
+    std::vector<Fit> others = other_fits(set, colour, found.shape, shapes);
+    for (const Amount& friction : frictions) {
+        ModelShape more = found.shape;
+        more.amounts.push_back(friction);
+        Fit beside = posed(set, colour, more, 0).fitted();
+        if (beside.value(usual.value.size()) > 0) others.push_back(std::move(beside));
+    }
+    return covariance_of(others, usual);
 }
 
 std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
@@ -113,7 +120,9 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         const auto had = static_cast<std::ptrdiff_t>(candidate.amounts.size());
         at += had;
         const Hypothesis& hypothesis = hypothesis_of(candidate.effect);
-        if (i < found.base_members || hypothesis.in_every_drive_train || hypothesis.late) continue;
+        if (i < found.base_members || hypothesis.in_every_drive_train || hypothesis.late ||
+            found.is_shown(candidate.effect))
+            continue;
         // one at a point is taken as a whole for it
         const std::vector<Amount> whole = directions(candidate);
         ModelShape shape = found.after.shape;

@@ -15,10 +15,11 @@
 namespace wheelwright::gap {
 
 // The covariance that it makes beside the spread between blocks: the sum over the other estimates of the
-// square of what they differ by. `shapes`: columns that are free, each for itself, in one of them. The
-// blocks are those that `fit` was fitted to.
+// square of what they differ by. `shapes`: columns that are free, each for itself, in one of them. So are
+// `frictions` that are not in the fit, too small to be of interest, if they brake. The blocks are those that
+// `fit` was fitted to.
 Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, const Fit& fit,
-                                  std::span<const int> shapes);
+                                  std::span<const int> shapes, std::span<const Amount> frictions);
 
 // A member of `found` that is not sure any more, over the catalogue, with that, nor sure in each of the other
 // estimates by itself: how much of it there seems to be hangs on how the rows are weighed. The least sure

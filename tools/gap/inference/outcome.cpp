@@ -81,6 +81,12 @@ class Outcome {
     // NamedEffect::unmoved.
     std::vector<double> unmoved_by(std::size_t member) const {
         std::vector<double> errors(model::kEffects[members_[member].effect].parameters.size(), 0.0);
+        // Straight, the wheels' sum is all that is told. Friction of two like drives differs so much at
+        // times.
+        constexpr double kUnlike = 0.1;
+        if (members_[member].together && !evidence_.options().turning)
+            errors[0] = errors[1] =
+                kUnlike * std::abs(result_.after.value(first_amount_of(members_, member)));
         if (members_[member].together && evidence_.options().turning) {
             // left and right that share an amount may differ by what is not clear yet
             Members other = members_;
@@ -126,6 +132,26 @@ class Outcome {
         return errors;
     }
 
+    // Search::moved_by_rivals: of a fit with a rival, the last of its members.
+    Eigen::VectorXd moved_by(const Members& with_rival, const Fit& instead) const {
+        const Fit& mine = result_.after;
+        Eigen::VectorXd moved = Eigen::VectorXd::Zero(mine.value.size());
+        moved.head(kFirstAmount) = instead.value.head(kFirstAmount) - mine.value.head(kFirstAmount);
+        for (std::size_t i = 0; i < members_.size(); ++i) {
+            const auto other = std::find_if(
+                with_rival.begin(), with_rival.end() - 1,
+                [&](const Candidate& candidate) { return candidate.effect == members_[i].effect; });
+            if (other == with_rival.end() - 1) continue;
+            const auto count = Eigen::Index(members_[i].amounts.size());
+            const Eigen::Index at = first_amount_of(members_, i);
+            moved.segment(at, count) =
+                instead.value.segment(first_amount_of(with_rival, std::size_t(other - with_rival.begin())),
+                                      count) -
+                mine.value.segment(at, count);
+        }
+        return moved;
+    }
+
     void find_rivals(const Members& fewer, const Candidate& mine, const Fit& bare, double with_all,
                      double gain, NamedEffect& named) {
         const Members mine_there = with(fewer, mine);
@@ -164,9 +190,11 @@ class Outcome {
             const bool distinguished = evidence_.distinguishes(mine_there, other);
             const bool worse = distinguished || surely_positive(loss, kPolicy.false_alarm);
             const double trifle = distinguished ? kTrifleOfGainPredicted : kTrifleOfGain;
-            if (rival.confounded || (!worse && rival.keeps > 1 - kPolicy.share_of_gap) ||
-                rival.keeps > 1 - trifle) {
+            if (!result_.is_shown(mine.effect) &&
+                (rival.confounded || (!worse && rival.keeps > 1 - kPolicy.share_of_gap) ||
+                 rival.keeps > 1 - trifle)) {
                 named.rivals.push_back(rival);
+                result_.moved_by_rivals.push_back(moved_by(other, instead));
             } else {
                 named.ruled_out.push_back(rival);
             }

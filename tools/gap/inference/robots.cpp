@@ -119,7 +119,9 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     };
     std::optional<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
-        if (hypothesis_of(search.members[i].effect).in_every_drive_train) continue;
+        if (hypothesis_of(search.members[i].effect).in_every_drive_train ||
+            search.is_shown(search.members[i].effect))
+            continue;
         // held against a drive train with its usual friction, where it has taken the place of that
         Members fewer = without(search.members, i);
         for (const Candidate& candidate : search.friction) {

@@ -33,6 +33,7 @@ class Searcher {
         result_.gap_refit = evidence_.cross_validated(all_, members_) / evidence_.rows();
         result_.floor = floor_of(members_);
         result_.friction = evidence_.friction();
+        begin_with_what_is_shown();
         begin_with_friction();
         forward();
         backward();
@@ -220,16 +221,29 @@ class Searcher {
         return now - std::min(now, evidence_.reach(select_, members_));
     }
 
+    void begin_with_what_is_shown() {
+        for (const std::size_t effect : evidence_.options().shown) {
+            if (contains(members_, effect) || evidence_.excluded(effect)) continue;
+            const auto best = evidence_.best_point(effect, members_, all_);
+            if (!best) continue;
+            members_.push_back(best->candidate);
+            probability_[effect] = 0;
+            result_.shown.push_back(effect);
+        }
+    }
+    bool is_shown(const Candidate& candidate) const { return result_.is_shown(candidate.effect); }
+
     // All friction at once, less what is not surely there beside the rest. A drive train that surely has one
     // friction is likely to have the other.
     void begin_with_friction() {
         const Members& friction = evidence_.friction();
+        const std::size_t first = members_.size();
         members_.insert(members_.end(), friction.begin(), friction.end());
-        while (members_.size() > base_members_) {
+        while (members_.size() > first) {
             std::optional<std::size_t> least;
             double least_gain = 0;
             bool sure = false;
-            for (std::size_t i = base_members_; i < members_.size(); ++i) {
+            for (std::size_t i = first; i < members_.size(); ++i) {
                 const Trial t = attempt(members_[i].effect, fitted_without(without(members_, i)));
                 // whether it is there, whatever the folds say of how well it predicts
                 const double probability =
@@ -242,10 +256,10 @@ class Searcher {
                 least_gain = t.gain;
             }
             if (!least && sure) break;
-            members_ = without(members_, least.value_or(base_members_));
+            members_ = without(members_, least.value_or(first));
         }
         take_apart();
-        evidence_.set_friction({members_.begin() + std::ptrdiff_t(base_members_), members_.end()});
+        evidence_.set_friction({members_.begin() + std::ptrdiff_t(first), members_.end()});
         closable_at_first_ = closable();
     }
 
@@ -383,8 +397,8 @@ class Searcher {
                 !is_friction(members_[i]) && gain < kPolicy.share_of_first_gap * closable_at_first_;
             const bool needed = !little && (much || evidence_.probability_of_last(
                                                         all_, with(fewer, members_[i])) <= kPolicy.kept);
-            if (needed &&
-                evidence_.effect_torque_share(members_, i, f) >= least_share(members_, members_[i])) {
+            if (is_shown(members_[i]) || (needed && evidence_.effect_torque_share(members_, i, f) >=
+                                                        least_share(members_, members_[i]))) {
                 ++i;
             } else {
                 members_ = fewer;
@@ -395,8 +409,9 @@ class Searcher {
     // What came in another's place must be of interest too.
     void drop_trifles() {
         for (std::size_t i = base_members_; i < members_.size();) {
-            if (evidence_.effect_torque_share(members_, i, evidence_.fit(all_, members_)) >=
-                least_share(members_, members_[i])) {
+            if (is_shown(members_[i]) ||
+                evidence_.effect_torque_share(members_, i, evidence_.fit(all_, members_)) >=
+                    least_share(members_, members_[i])) {
                 ++i;
             } else {
                 members_ = without(members_, i);
@@ -413,6 +428,7 @@ class Searcher {
                 best && members_[i].kind != Candidate::Kind::linear) {
                 members_[i] = best->candidate;
             }
+            if (is_shown(members_[i])) continue;
             const double bare = evidence_.cross_validated(all_, fewer);
             Members held = with(fewer, members_[i]);
             double mine = evidence_.cross_validated(all_, held);
@@ -451,7 +467,7 @@ class Searcher {
     void merge() {
         for (std::size_t i = base_members_; i < members_.size(); ++i) {
             for (std::size_t j = i + 1; j < members_.size(); ++j) {
-                if (merge(i, j)) return merge();
+                if (!is_shown(members_[i]) && !is_shown(members_[j]) && merge(i, j)) return merge();
             }
         }
     }
@@ -522,7 +538,7 @@ std::vector<std::string> unknowable(const Fit& f, bool turning) {
     // a gain is known once it is surely one: its error is written beside it
     constexpr double kClear = 3;  // of zero, standard errors
     const auto unknown = [&](Eigen::Index i, double scale) { return !(f.error(i) < scale); };
-    if (unknown(0, 0.02)) names.emplace_back("K5");
+    if (!turning || unknown(0, 0.02)) names.emplace_back("K5");
     if (!turning || unknown(1, 0.5 * std::max(1.0, std::abs(f.value(1))))) names.emplace_back("K6");
     if (f.shape.held_gain[kLinear] || unknown(2, std::abs(f.value(2)) / kClear)) names.emplace_back("K7");
     if (!turning || unknown(3, std::abs(f.value(3)) / kClear)) names.emplace_back("K8");

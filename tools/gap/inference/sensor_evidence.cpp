@@ -51,6 +51,8 @@ Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded
     if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
     const Bend bend = bend_of(*sensors.gyro, track_m);
     if (bend.size + 3 * bend.error < kSmallMismatch) known.excluded.push_back(kMismatch);
+    if (bend.size > kSmallMismatch + 3 * bend.error && !is_among(excluded, kMismatch))
+        known.shown.push_back(kMismatch);
     return known;
 }
 

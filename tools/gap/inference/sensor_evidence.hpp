@@ -21,6 +21,7 @@ struct Known {
     // No free run gets better with them: they are not named, but may be what a like one that is named stands
     // for.
     std::vector<std::size_t> rivals_only;
+    std::vector<std::size_t> shown;  // are there: a sensor shows it, and the rows are to tell how they act
     double large_gap = kPolicy.gap;  // more left than this is not explained
     bool white_noise = true;         // of the wheel speeds
 

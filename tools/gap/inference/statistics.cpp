@@ -31,8 +31,8 @@ double t_probability(double t, double degrees) {
     return std::max(0.0, 1 - sum);
 }
 
-double interval_quantile(std::size_t blocks) {
-    const double degrees = std::max(1.0, double(blocks) - 4);
+double interval_quantile(double blocks) {
+    const double degrees = std::max(1.0, blocks - 4);
     return kNormalQuantile + 2.4 / degrees + 3.0 / (degrees * degrees);
 }
 

@@ -12,7 +12,7 @@ double t_probability(double t, double degrees);
 // Standard errors to either side of a 95 % interval of a normal distribution.
 inline constexpr double kNormalQuantile = 1.96;
 // The same of Student's t, for a fit to so many blocks.
-double interval_quantile(std::size_t blocks);
+double interval_quantile(double blocks);
 
 // One-sided Wilcoxon signed-rank probability that the values are not above zero, exact.
 double signed_rank_probability(std::vector<double> values);

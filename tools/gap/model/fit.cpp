@@ -110,13 +110,18 @@ Eigen::VectorXd start(const Products& sum, const ModelShape& shape, const Direct
 
 // Covariance from the blocks' scores, as they are or each set right for what it has pulled the fit to itself:
 // "CR2" of Bell and McCaffrey, Survey Methodology 28 (2002), in coordinates in which the normal matrix is
-// one.
+// one. Then also Fit::telling: Satterthwaite's number, which Bell and McCaffrey take for the degrees of
+// freedom.
 Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Directions& directions, Tangents& tangent,
-                                     const Eigen::MatrixXd& normal, std::size_t equations, bool set_right) {
+                                     const Eigen::MatrixXd& normal, std::size_t equations, bool set_right,
+                                     Eigen::VectorXd& telling) {
     constexpr double kAlone = 1e-3;  // share of what is known of a direction that the others must tell
     const Eigen::VectorXd scale = normal.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::LLT<Eigen::MatrixXd> root(scale.asDiagonal() * normal * scale.asDiagonal());
     const auto size = normal.rows();
+    const Eigen::MatrixXd out = root.matrixU().solve(Eigen::MatrixXd::Identity(size, size));
+    const Eigen::MatrixXd each = out.rowwise().normalized();  // value's direction
+    Eigen::VectorXd shares = Eigen::VectorXd::Zero(size);
     Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(size, size);
     for (const Block* block : blocks) {
         Eigen::VectorXd score = Eigen::VectorXd::Zero(size);
@@ -132,13 +137,14 @@ Eigen::MatrixXd covariance_of_blocks(const Blocks& blocks, const Directions& dir
         }
         own = root.matrixL().solve(scale.asDiagonal() * own * scale.asDiagonal());
         own = root.matrixL().solve(own.transpose()).eval();
+        shares += (each * own).cwiseProduct(each).rowwise().sum().cwiseAbs2();
         const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> parts(own);
         const Eigen::VectorXd others = (1 - parts.eigenvalues().array()).max(kAlone).rsqrt();
         const Eigen::VectorXd right =
             parts.eigenvectors() * others.cwiseProduct(parts.eigenvectors().transpose() * score);
         meat += right * right.transpose();
     }
-    const Eigen::MatrixXd out = root.matrixU().solve(Eigen::MatrixXd::Identity(size, size));
+    if (set_right) telling = shares.cwiseMax(1e-12).cwiseInverse();
     return scale.asDiagonal() * (out * meat * out.transpose()) * scale.asDiagonal();
 }
 
@@ -236,7 +242,8 @@ Fit fit(const Blocks& blocks, const ModelShape& shape, Spread spread) {
     result.rows = row_count(blocks, shape);
     if (spread == Spread::none) return result;
     const bool plain = spread == Spread::plain;
-    result.covariance = covariance_of_blocks(blocks, directions, tangent, normal, equations, !plain);
+    result.covariance =
+        covariance_of_blocks(blocks, directions, tangent, normal, equations, !plain, result.telling);
     // Never below what independent rows of the residual's level would give: what one block alone tells has
     // no spread between blocks.
     const double level = std::max(0.0, result.squares / std::max(1.0, result.rows - double(size)));

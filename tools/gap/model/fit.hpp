@@ -20,7 +20,10 @@ struct Fit {
     ModelShape shape;
     Eigen::VectorXd value;       // K5, K6, K7, K8, amounts
     Eigen::MatrixXd covariance;  // of blocks: robust against what the noise model leaves out
-    double squares = 0;          // of the whitened residual, over the blocks it was fitted to
+    // How many blocks tell of each value, those that tell little counting less; where the covariance is
+    // `known`.
+    Eigen::VectorXd telling;
+    double squares = 0;  // of the whitened residual, over the blocks it was fitted to
     double rows = 0;
 
     double error(Eigen::Index i) const { return std::sqrt(std::max(0.0, covariance(i, i))); }

@@ -329,16 +329,22 @@ Likely likeliest(const Rests& rests, double Rests::Band::*squares) {
     constexpr double kSteepest = 1e3;  // corner over the highest frequency: all is the accelerations' noise
     const double lowest = Rests::frequency_Hz(rests.bands.begin()->first);
     const double highest = Rests::frequency_Hz(rests.bands.rbegin()->first);
+    struct Of {
+        double frequency_squared, rows, squares;
+    };
+    std::vector<Of> all;
+    for (const auto& [band, of] : rests.bands)
+        all.push_back({std::pow(Rests::frequency_Hz(band), 2), of.rows, of.*squares});
     Likely best;
     for (double slowest = 0; slowest<highest; slowest = slowest> 0 ? kStep * slowest : lowest) {
         for (double corner = 0;
              corner<kSteepest * highest; corner = corner> 0 ? kStep * corner : lowest / 4) {
             double sum = 0;
             double shape = 0;
-            for (const auto& [band, of] : rests.bands) {
+            for (const Of& of : all) {
                 const double power =
-                    Colour{{1, 1}, {corner, corner}, {slowest, slowest}}.power(0, Rests::frequency_Hz(band));
-                sum += of.*squares / power;
+                    1 + corner * corner / (of.frequency_squared + slowest * slowest);  // Colour's
+                sum += of.squares / power;
                 shape += of.rows * std::log(power);
             }
             const double level = std::max(1.0, sum / rests.rows);  // the sensor's noise at least
@@ -358,8 +364,10 @@ Rests rests_of(const BlockSet& set, std::size_t e, const std::vector<int>& colum
     std::vector<Eigen::MatrixXd> rows;
     for (const Block& block : set.blocks) {
         rows.emplace_back(block.row[e](Eigen::all, with_y));
-        for (Eigen::Index k = 0; k < rows.back().rows(); ++k)
-            rows.back().row(k) /= std::sqrt(colour.power(e, frequency_Hz(block, k)));
+        Eigen::ArrayXd root(rows.back().rows());
+        for (Eigen::Index k = 0; k < root.size(); ++k)
+            root(k) = std::sqrt(colour.power(e, frequency_Hz(block, k)));
+        if (root.maxCoeff() != 1 || root.minCoeff() != 1) rows.back().array().colwise() /= root;
         sum += times_itself(rows.back().transpose());
     }
     Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
@@ -418,9 +426,13 @@ Colour colour_of_rest(const BlockSet& set, std::span<const std::vector<int>> col
             for (int pass = 0; pass < kPasses; ++pass) {
                 rests = rests_of(set, e, some, colour);
                 const Likely likely = likeliest(rests, &Rests::Band::set_right);
+                // as it was but for its level, which no fit depends on: another pass would find it again
+                const bool settled = likely.corner_Hz == colour.corner_Hz[e] &&
+                                     (likely.corner_Hz == 0 || likely.slowest_Hz == colour.slowest_Hz[e]);
                 colour.level[e] = likely.level;
                 colour.corner_Hz[e] = likely.corner_Hz;
                 colour.slowest_Hz[e] = likely.slowest_Hz;
+                if (settled) break;
             }
             const double criterion =
                 likeliest(rests, &Rests::Band::squares).unlikely + rests.columns * std::log(rests.rows);

@@ -149,7 +149,7 @@ std::string json(const Findings& f, const Request& request) {
         out["effects"].push_back(effect);
     }
     Json shift = Json::object();
-    const double quantile = interval_quantile(s.blocks);
+    const double quantile = interval_quantile(double(s.blocks));
     for (const KFigure& k : known_k(f.after, f.after_error, s.unknowable)) {
         Json one{{"value", k.value},
                  {"standard_error", k.error},
