@@ -7,7 +7,9 @@
 // allocates, blocks or throws.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <string_view>
 
@@ -72,11 +74,22 @@ struct DriveFeedback {
     double speed_rad_per_s = 0;  // wheel speed as the drive estimates it
     double torque_Nm = 0;        // torque the drive reports, at the wheel
     double bus_voltage_V = 0;
-    double temperature_degC = 0;
+    // NaN: this one is not measured.
+    double inverter_temperature_degC = std::numeric_limits<double>::quiet_NaN();
+    double motor_temperature_degC = std::numeric_limits<double>::quiet_NaN();
     std::int64_t encoder_time_ns = 0;
     std::int64_t torque_time_ns = 0;
+    std::int64_t supply_time_ns = 0;
+    std::int64_t temperature_time_ns = 0;
     std::int64_t heartbeat_time_ns = 0;
     std::uint32_t error_bits = 0;  // in the drive's own encoding
+};
+
+// Beyond these no drive of the dialect works in health, whatever its size.
+struct DriveRatings {
+    double least_supply_V = 0;
+    double most_supply_V = 0;
+    double most_temperature_degC = 0;  // of inverter and motor
 };
 
 class FrameSink {
@@ -119,11 +132,19 @@ class MotorDrive {
     virtual const DriveFeedback& feedback() const = 0;
     virtual const DriveCounters& counters() const = 0;
 
+    // Pushes what makes this drive idle, whatever it does and is believed to do. The one call for any thread.
+    virtual void push_idle(FrameSink& out) const = 0;
+
+    virtual const DriveRatings& ratings() const = 0;
+
     // The periodic frames of this drive. Constant after construction.
     virtual std::span<const DriveFrame> frames() const = 0;
 
     // The name of one of feedback().error_bits; "unknown" for a bit without one.
     virtual std::string_view error_name(std::uint32_t bit) const = 0;
+
+    // All that this driver remembers, as hal::plain_memory() has it.
+    virtual std::span<std::byte> memory() = 0;
 };
 
 constexpr std::string_view to_string_view(DriveState state) {

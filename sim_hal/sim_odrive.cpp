@@ -58,6 +58,7 @@ SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     heartbeat_phase_ = random_phase(random_, config.heartbeat_period_ms);
     torque_phase_ = random_phase(random_, config.torque_period_ms);
     voltage_phase_ = random_phase(random_, config.voltage_period_ms);
+    temperature_phase_ = random_phase(random_, config.temperature_period_ms);
     schedule();
 }
 
@@ -126,11 +127,7 @@ void SimOdrive::receive_request(std::uint32_t command, drivers::FrameSink& out) 
             send_iq(out);
             break;
         case gen6::GetTemperature::command:
-            if (is_gen6) {
-                gen6::GetTemperature answer;
-                answer.fet_temperature_degC = 31.5F;
-                send(answer, out);
-            }
+            if (is_gen6) send_temperature(out);
             break;
         case gen6::GetBusVoltageCurrent::command:
             send_voltage(out);
@@ -459,6 +456,8 @@ void SimOdrive::send_cyclic(drivers::FrameSink& out) const {
         }
     }
     if (is_due(tick_count_, config_.voltage_period_ms, voltage_phase_)) send_voltage(out);
+    if (config_.generation == 6 && is_due(tick_count_, config_.temperature_period_ms, temperature_phase_))
+        send_temperature(out);
 }
 
 void SimOdrive::send_heartbeat(drivers::FrameSink& out) const {
@@ -516,8 +515,15 @@ void SimOdrive::send_iq(drivers::FrameSink& out) const {
 
 void SimOdrive::send_voltage(drivers::FrameSink& out) const {
     gen6::GetBusVoltageCurrent supply;  // the same in both generations
-    supply.bus_voltage_V = static_cast<float>(config_.bus_voltage_V);
+    supply.bus_voltage_V = static_cast<float>(config_.bus_voltage_V - faults_.supply_sags_V);
     send(supply, out);
+}
+
+void SimOdrive::send_temperature(drivers::FrameSink& out) const {
+    gen6::GetTemperature temperature;
+    temperature.fet_temperature_degC = temperature.motor_temperature_degC =
+        static_cast<float>(config_.temperature_degC + faults_.heats_degC);
+    send(temperature, out);
 }
 
 }  // namespace wheelwright::sim

@@ -58,6 +58,7 @@ struct SimOdriveConfig {
     std::int32_t encoder_period_ms = 1;
     std::int32_t torque_period_ms = 10;  // 0.6: Get_Torques; 0.5: Get_Iq
     std::int32_t voltage_period_ms = 0;
+    std::int32_t temperature_period_ms = 0;  // 0.6 only
     bool watchdog_enabled = true;
     double watchdog_timeout_s = 0.05;
     // 0.6: the endpoints that tell watchdog_enabled, watchdog_timeout_s, control and input mode; 0: none
@@ -68,8 +69,9 @@ struct SimOdriveConfig {
     std::int32_t input_mode_endpoint = 0;
     double arming_time_s = 0.003;  // from the request to closed loop
     double bus_voltage_V = 24;
-    double clock_error_ppm = 0;  // the drive's milliseconds are longer by this much
-    std::int64_t phase_ns = 0;   // of its first millisecond after the start
+    double temperature_degC = 31.5;  // of inverter and motor
+    double clock_error_ppm = 0;      // the drive's milliseconds are longer by this much
+    std::int64_t phase_ns = 0;       // of its first millisecond after the start
     std::uint64_t seed = 1;
     std::uint64_t stream = 1;  // distinct for drives of one seed
 };
@@ -90,6 +92,8 @@ struct SimOdriveFaults {
     const SimOdrive* told_by = nullptr;  // whose position and speed its frames tell
     bool powered_off = false;            // mute, deaf and without torque; comes back idle, at position 0
     bool wakes_armed = false;            // when switched on again: in closed loop, as it may be configured
+    double supply_sags_V = 0;            // below the configured voltage, as it reports it
+    double heats_degC = 0;               // above the configured temperature, the same
     bool motor_unplugged = false;  // ODrive#700: closed loop is left, and no error appears in the heartbeat
 };
 
@@ -168,6 +172,7 @@ class SimOdrive {
     void send_torque(drivers::FrameSink& out) const;
     void send_iq(drivers::FrameSink& out) const;
     void send_voltage(drivers::FrameSink& out) const;
+    void send_temperature(drivers::FrameSink& out) const;
     double motor_target_Nm() const { return target_Nm_; }
     void retarget();
     void schedule();
@@ -223,6 +228,7 @@ class SimOdrive {
     std::uint32_t heartbeat_phase_ = 0;
     std::uint32_t torque_phase_ = 0;
     std::uint32_t voltage_phase_ = 0;
+    std::uint32_t temperature_phase_ = 0;
 };
 
 }  // namespace wheelwright::sim

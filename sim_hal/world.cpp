@@ -34,6 +34,8 @@ SimOdriveConfig sim_odrive_config(const model::RobotParameters& truth, const Wor
     c.heartbeat_period_ms = truth.drive.heartbeat_period_ms;
     c.encoder_period_ms = truth.drive.encoder_period_ms;
     c.torque_period_ms = truth.drive.torque_period_ms;
+    c.voltage_period_ms = truth.drive.supply_period_ms;
+    c.temperature_period_ms = truth.drive.temperature_period_ms;
     c.watchdog_enabled = options.watchdog_enabled;
     c.watchdog_timeout_s = truth.drive.watchdog_timeout_s;
     c.watchdog_endpoint = truth.drive.watchdog_endpoint;

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
+#include <limits>
 
 #include "drivers/odrive/odrive_0_5_messages.hpp"
 #include "drivers/odrive/odrive_0_6_messages.hpp"
@@ -25,6 +27,17 @@ constexpr std::int64_t kIdleAgain_ns = 50'000'000;
 // A drive's own set-point against what was asked of it: see the header.
 constexpr double kTorqueSlack = 0.1;
 constexpr int kWrongTorques = 2;
+
+// Longer than this many encoder periods between two encoder frames: some are missing; and so many that a
+// drive may have been switched on anew.
+constexpr double kGap = 1.5;
+constexpr double kLongGap = 5;
+// A wheel's turn of which no encoder tells less: see wheel_observer.hpp.
+constexpr double kCoarsestStep_turns = 1.0 / 64;
+// Frames of another generation's form: doubt, and no doubt.
+constexpr int kStrange = 2;
+constexpr int kSurelyOther = 3, kMostStrange = 4;
+constexpr std::int64_t kInsists_ns = 1'000'000'000;
 
 constexpr std::uint32_t kSetInputPosition = 0x0C;  // never sent by this driver
 
@@ -102,6 +115,8 @@ OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel
     c.heartbeat_period_s = drive.heartbeat_period_ms * 1e-3;
     c.encoder_period_s = drive.encoder_period_ms * 1e-3;
     c.torque_period_s = drive.torque_period_ms * 1e-3;
+    c.supply_period_s = drive.supply_period_ms * 1e-3;
+    c.temperature_period_s = drive.temperature_period_ms * 1e-3;
     c.heartbeat_timeout_s = drive.heartbeat_timeout_s;
     c.arming_timeout_s = drive.arming_timeout_s;
     c.watchdog_assured = drive.watchdog_assured;
@@ -162,6 +177,14 @@ OdriveDrive::OdriveDrive(const OdriveConfig& config)
         } else {
             add_frame(gen6::GetTorques::name, gen6::GetTorques::command, false, config.torque_period_s);
         }
+    }
+    if (config.supply_period_s > 0) {
+        add_frame(gen6::GetBusVoltageCurrent::name, gen6::GetBusVoltageCurrent::command, false,
+                  config.supply_period_s);
+    }
+    if (config.temperature_period_s > 0 && config.generation == OdriveGeneration::v0_6) {
+        add_frame(gen6::GetTemperature::name, gen6::GetTemperature::command, false,
+                  config.temperature_period_s);
     }
     add_frame(gen6::SetInputTorque::name, gen6::SetInputTorque::command, true, config.cycle_period_s);
 }
@@ -237,7 +260,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::GetTorques::command: {
             if (config_.generation != OdriveGeneration::v0_6) {
                 // In 0.5 this number is the answer to a question, and never comes by itself.
-                other_generation_ = other_generation_ || !asked_by_others_;
+                if (!asked_by_others_) take_evidence(true);
                 break;
             }
             gen6::GetTorques torques;
@@ -249,16 +272,15 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         }
         case gen6::GetBusVoltageCurrent::command: {
             gen6::GetBusVoltageCurrent supply;
-            if (decode(frame, supply)) feedback_.bus_voltage_V = double{supply.bus_voltage_V};
+            if (!decode(frame, supply)) break;
+            feedback_.bus_voltage_V = double{supply.bus_voltage_V};
+            feedback_.supply_time_ns = received.timestamp_ns;
             break;
         }
-        case gen6::GetTemperature::command: {
-            if (config_.generation != OdriveGeneration::v0_6) break;
-            gen6::GetTemperature temperature;
-            if (decode(frame, temperature))
-                feedback_.temperature_degC = double{temperature.fet_temperature_degC};
+        case gen6::GetTemperature::command:
+            // In 0.5 the sensorless estimates: such a drive tells heat by its error over_temp alone.
+            if (config_.generation == OdriveGeneration::v0_6) take_temperatures(frame, received.timestamp_ns);
             break;
-        }
         case gen6::TxSdo::command: {
             if (config_.generation != OdriveGeneration::v0_6) break;
             gen6::TxSdo answer;
@@ -274,7 +296,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::SetLimits::command:
         case gen6::ClearErrors::command:
         case gen6::SetAbsolutePosition::command:
-            take_foreign(frame);
+            take_foreign(frame, received.timestamp_ns);
             break;
         default:
             break;
@@ -282,17 +304,39 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
     return true;
 }
 
+// A motor without a thermistor is told as no number.
+void OdriveDrive::take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns) {
+    if (frame.length != gen6::GetTemperature::length) {
+        ++counters_.wrong_length;
+        return;
+    }
+    std::array<float, 2> told_degC{};
+    std::memcpy(told_degC.data(), frame.data.data(), sizeof told_degC);
+    const auto measured = [](float told) {
+        return std::isfinite(told) ? double{told} : std::numeric_limits<double>::quiet_NaN();
+    };
+    feedback_.inverter_temperature_degC = measured(told_degC[0]);
+    feedback_.motor_temperature_degC = measured(told_degC[1]);
+    feedback_.temperature_time_ns = time_ns;
+}
+
 void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns) {
     const double before = position_rev_;
+    if (feedback_.encoder_time_ns != 0) {
+        const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
+        const bool anew = begins_anew(position_rev, speed_rev_per_s, time_ns);
+        if (anew) origin_rev_ += before + speed_rev_per_s_ * since_s - position_rev;
+        if (anew || since_s > kLongGap * config_.encoder_period_s) take_return(anew);
+    }
     position_rev_ = position_rev;
-    const bool was_far = far_frames_ >= kFarFrames;
+    speed_rev_per_s_ = speed_rev_per_s;
     if (std::abs(position_rev) > kLargestPosition_rev &&
         std::abs(position_rev - before) < kLargestPosition_rev / 2) {
         far_frames_ = std::min(far_frames_ + 1, kFarFrames);
         last_far_rev_ = position_rev;
         last_far_ns_ = time_ns;
     } else if (std::abs(position_rev) < kLargestPosition_rev / 2) {
-        if (was_far && told_to_count_anew_ > 0) {
+        if (told_to_count_anew_ > 0) {
             const double since_s = 1e-9 * static_cast<double>(time_ns - last_far_ns_);
             origin_rev_ += last_far_rev_ + speed_rev_per_s * since_s - position_rev;
             told_to_count_anew_ = 0;
@@ -302,6 +346,34 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
     feedback_.position_rad = (origin_rev_ + position_rev) * wheel_rad_per_rev_;
     feedback_.speed_rad_per_s = speed_rev_per_s * wheel_rad_per_rev_;
     feedback_.encoder_time_ns = time_ns;
+}
+
+// After a gap: whether the drive is in its first turn, in which it begins to count, and cannot have gone
+// there from where it was. At twice its speed it may; and a wheel that turned does not stop dead at exactly
+// 0.
+bool OdriveDrive::begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const {
+    constexpr double kStops_s = 0.1;  // from a speed that covers the coarsest step in this time
+    const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
+    if (since_s <= kGap * config_.encoder_period_s || told_to_count_anew_ > 0) return false;
+    if (std::abs(position_rev) > 1) return false;
+    const double step_rev = kCoarsestStep_turns * config_.gear_ratio;
+    const double expected_rev = speed_rev_per_s_ * since_s;
+    const double off_rev = std::abs(position_rev - position_rev_ - expected_rev);
+    const bool stopped_dead = position_rev == 0 && speed_rev_per_s == 0;
+    return off_rev > std::abs(expected_rev) + step_rev ||
+           (stopped_dead && std::abs(speed_rev_per_s_) * kStops_s > step_rev);
+}
+
+void OdriveDrive::take_return(bool anew) {
+    if (phase_ == Phase::resting) {
+        to_idle_ = true;
+        idle_sent_ = false;
+        to_idle_since_ns_ = now_ns_;
+    } else if (anew && phase_ == Phase::armed) {
+        fail(DriveFault::left_armed);
+    } else if (anew) {
+        end_arming(ArmRefusal::silent);
+    }
 }
 
 void OdriveDrive::count_anew(FrameSink& out) {
@@ -318,12 +390,15 @@ void OdriveDrive::count_anew(FrameSink& out) {
     }
 }
 
-void OdriveDrive::take_foreign(const hal::CanFrame& frame) {
+void OdriveDrive::take_foreign(const hal::CanFrame& frame, std::int64_t time_ns) {
     ++counters_.foreign_commands;
     switch (frame.id & 0x1FU) {
         case gen6::SetAxisState::command:
             if (frame.length >= 1 && frame.data[0] == static_cast<std::uint8_t>(kIdle)) break;
             ++counters_.foreign_control;
+            others_insist_ = phase_ != Phase::resting ||
+                             (armed_by_others_ns_ != 0 && time_ns - armed_by_others_ns_ < kInsists_ns);
+            armed_by_others_ns_ = time_ns;
             break;
         case gen6::SetControllerMode::command:
         case kSetInputPosition:
@@ -364,10 +439,16 @@ void OdriveDrive::take_heartbeat(const hal::CanFrame& frame, std::int64_t time_n
         axis_state_ = static_cast<std::uint32_t>(heartbeat.axis_state);
     }
     note_errors();
-    other_generation_ = other_generation_ || is_of_other_generation(frame);
+    take_evidence(is_of_other_generation(frame));
     feedback_.heartbeat_time_ns = time_ns;
     silent_ = false;
     judge_heartbeat(time_ns);
+}
+
+// One frame alone, which anybody may have sent, is no evidence; and what a drive really sends comes again.
+void OdriveDrive::take_evidence(bool of_other_generation) {
+    const int step = of_other_generation ? kStrange : -1;
+    other_generation_ = std::clamp(other_generation_ + step, 0, kMostStrange);
 }
 
 void OdriveDrive::note_errors() { feedback_.error_bits = heartbeat_error_ | told_error_; }
@@ -418,6 +499,7 @@ void OdriveDrive::update(std::int64_t now_ns, FrameSink& out) {
             fault_ = DriveFault::silent;
         }
     }
+    if (others_insist_) send_estop(out);
     take_requests(out);
     if (phase_ == Phase::arming) run_arming(out);
     if (phase_ == Phase::resting && to_idle_) run_to_idle(out);
@@ -452,8 +534,10 @@ void OdriveDrive::take_requests(FrameSink& out) {
     }
     if (!arm || phase_ != Phase::resting) return;
     refusal_ = ArmRefusal::none;
-    arm_requested_ = clearing_;  // until a heartbeat tells what is left
-    if (!clearing_) begin_arming();
+    // Until a heartbeat tells what is left, or of which generation it is.
+    const bool waits = clearing_ || (other_generation_ > 0 && other_generation_ < kSurelyOther && !silent_);
+    arm_requested_ = waits;
+    if (!waits) begin_arming();
 }
 
 void OdriveDrive::begin_arming() {
@@ -461,7 +545,7 @@ void OdriveDrive::begin_arming() {
         refusal_ = ArmRefusal::silent;
         return;
     }
-    if (other_generation_) {
+    if (other_generation_ >= kSurelyOther) {
         refusal_ = ArmRefusal::other_generation;
         return;
     }
@@ -624,7 +708,7 @@ DriveState OdriveDrive::state() const {
     if (silent_) return DriveState::silent;
     if (phase_ == Phase::armed) return DriveState::armed;
     if (phase_ == Phase::arming) return DriveState::arming;
-    if (other_generation_) return DriveState::other_generation;
+    if (other_generation_ >= kSurelyOther) return DriveState::other_generation;
     if (clearing_) return DriveState::arming;
     if (fault_ != DriveFault::none || has_idle_error()) return DriveState::fault;
     if (to_idle_) return DriveState::arming;
@@ -680,12 +764,25 @@ void OdriveDrive::send(const Message& message, FrameSink& out) const {
     if (message.encode(frame.data) == protocol::CodecStatus::ok) out.push(frame);
 }
 
+void OdriveDrive::push_idle(FrameSink& out) const {
+    send_motor_torque(0, out);  // in case the next frame is lost
+    gen6::SetAxisState request;
+    request.axis_requested_state = gen6::AxisState::idle;
+    send(request, out);
+}
+
 void OdriveDrive::send_idle(FrameSink& out) {
     gen6::SetAxisState request;
     request.axis_requested_state = gen6::AxisState::idle;
     send(request, out);
     idle_sent_ = true;
     idle_sent_ns_ = now_ns_;
+}
+
+// Of a drive's identifiers only the heartbeat's goes first: it leaves on a bus that somebody floods.
+void OdriveDrive::send_estop(FrameSink& out) {
+    send(gen6::Estop{}, out);
+    others_insist_ = false;
 }
 
 void OdriveDrive::send_clear_errors(FrameSink& out) {
@@ -706,7 +803,7 @@ void OdriveDrive::send_torque_mode(FrameSink& out) {
 
 void OdriveDrive::send_zero_torque(FrameSink& out) { send_motor_torque(0, out); }
 
-void OdriveDrive::send_motor_torque(double motor_torque_Nm, FrameSink& out) {
+void OdriveDrive::send_motor_torque(double motor_torque_Nm, FrameSink& out) const {
     gen6::SetInputTorque torque;
     torque.input_torque_Nm = static_cast<float>(motor_torque_Nm);
     send(torque, out);

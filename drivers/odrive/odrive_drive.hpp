@@ -29,7 +29,15 @@
 // died.
 //
 // An axis that is in closed loop although this driver has not asked for it is a fault, and told to go idle.
-// So is somebody else's set-point, or request for another state than idle: counted as foreign_control.
+// So is somebody else's set-point, or request for another state than idle: counted as foreign_control. Who
+// asks for such a state again within a second, or while the axis is armed by this driver, is answered by
+// Estop, an error that keeps the axis idle until request_clear_errors().
+//
+// A drive that has been away may have been switched off, and may be set to come back in closed loop, in a
+// mode of its own; its heartbeat says so late. So the first encoder frame after a gap counts: where it does
+// not go on from the last one (after power-on a drive counts from 0), a drive that was armed has left that
+// state; and one that is not armed is told to go idle after any long gap, whatever it is. Its position goes
+// on meanwhile with the speed it had.
 //
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
 //
@@ -47,6 +55,7 @@
 
 #include "drivers/motor_drive.hpp"
 #include "firmware/model/robot_parameters.hpp"
+#include "hal/plain_memory.hpp"
 
 namespace wheelwright::drivers {
 
@@ -65,7 +74,9 @@ struct OdriveConfig {
     double cycle_period_s = 0.001;  // of command_torque
     double heartbeat_period_s = 0.1;
     double encoder_period_s = 0.001;
-    double torque_period_s = 0.01;  // 0: off
+    double torque_period_s = 0.01;    // 0: off
+    double supply_period_s = 0;       // 0: off
+    double temperature_period_s = 0;  // 0: off
     double heartbeat_timeout_s = 0.35;
     double arming_timeout_s = 2;
     bool watchdog_assured = false;
@@ -78,6 +89,10 @@ struct OdriveConfig {
 
 // Here a float still tells a count of 8192 a revolution; so does the drive's own, which counts in floats.
 inline constexpr double kLargestPosition_rev = 1024;
+
+// The factory's settings, 0.5 and 0.6: below 8 V a drive stops by itself; above 60 V no board of any size is
+// whole; from 100 degC on the current is reduced, to nothing at 120 degC: half of it is left at 110.
+inline constexpr DriveRatings kOdriveRatings{8, 60, 110};
 
 // What the robot file says about one wheel's drive.
 OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel);
@@ -97,16 +112,19 @@ class OdriveDrive final : public MotorDrive {
     void command_torque(double torque_Nm, FrameSink& out) override;
     void set_torque_scale(double scale) override;
     bool refused(const hal::CanFrame& frame) override;
+    void push_idle(FrameSink& out) const override;
 
     DriveState state() const override;
     DriveFault fault() const override;
     ArmRefusal refusal() const override { return refusal_; }
     const DriveFeedback& feedback() const override { return feedback_; }
     const DriveCounters& counters() const override { return counters_; }
+    const DriveRatings& ratings() const override { return kOdriveRatings; }
     std::span<const DriveFrame> frames() const override { return {frames_.data(), frame_count_}; }
     std::string_view error_name(std::uint32_t bit) const override {
         return odrive_error_name(config_.generation, bit);
     }
+    std::span<std::byte> memory() override { return hal::plain_memory(config_, *this); }
 
     // The axis state of the last heartbeat, in the drive's numbers.
     std::uint32_t axis_state() const { return axis_state_; }
@@ -145,18 +163,23 @@ class OdriveDrive final : public MotorDrive {
     void take_answer(std::uint16_t endpoint, std::uint32_t value);
     void judge_torque(double motor_torque_Nm);
     void send_idle(FrameSink& out);
+    void send_estop(FrameSink& out);
     void send_clear_errors(FrameSink& out);
     void send_torque_mode(FrameSink& out);
     void send_zero_torque(FrameSink& out);
     void send_question(FrameSink& out);
     void send_closed_loop(FrameSink& out);
-    void send_motor_torque(double motor_torque_Nm, FrameSink& out);
+    void send_motor_torque(double motor_torque_Nm, FrameSink& out) const;
 
+    void take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns);
+    bool begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const;
+    void take_return(bool anew);
     void take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns);
     void count_anew(FrameSink& out);
-    void take_foreign(const hal::CanFrame& frame);
+    void take_foreign(const hal::CanFrame& frame, std::int64_t time_ns);
     void take_heartbeat(const hal::CanFrame& frame, std::int64_t time_ns);
     bool is_of_other_generation(const hal::CanFrame& heartbeat) const;
+    void take_evidence(bool of_other_generation);
     void note_errors();
     void judge_heartbeat(std::int64_t time_ns);
     void take_requests(FrameSink& out);
@@ -171,7 +194,10 @@ class OdriveDrive final : public MotorDrive {
     void add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s);
     void set_scales();
 
-    OdriveConfig config_;
+    std::array<DriveFrame, 4> frames_{};
+    std::size_t frame_count_ = 0;
+
+    OdriveConfig config_;                // from here on memory()
     double motor_per_wheel_torque_ = 1;  // signed
     double wheel_per_motor_torque_ = 1;
     double wheel_rad_per_rev_ = 1;
@@ -180,12 +206,11 @@ class OdriveDrive final : public MotorDrive {
 
     DriveFeedback feedback_;
     DriveCounters counters_;
-    std::array<DriveFrame, 4> frames_{};
-    std::size_t frame_count_ = 0;
 
     static constexpr int kFarFrames = 8;  // one alone may be nonsense
     double position_rev_ = 0;             // as the drive counts
-    double origin_rev_ = 0;               // what it has counted before
+    double speed_rev_per_s_ = 0;
+    double origin_rev_ = 0;  // what it has counted before
     double last_far_rev_ = 0;
     std::int64_t last_far_ns_ = 0;
     int far_frames_ = 0;
@@ -198,9 +223,13 @@ class OdriveDrive final : public MotorDrive {
     DriveFault fault_ = DriveFault::none;
     std::uint32_t axis_state_ = 0;
     std::uint32_t heartbeat_error_ = 0;
-    std::uint32_t told_error_ = 0;   // 0.6: in Get_Error, where the drive sends it
-    bool other_generation_ = false;  // a frame had a form that the configured generation does not have
+    std::uint32_t told_error_ = 0;  // 0.6: in Get_Error, where the drive sends it
+    // For frames of a form that the configured generation does not have, against heartbeats that it may have:
+    // up by two, down by one.
+    int other_generation_ = 0;
     bool asked_by_others_ = false;
+    std::int64_t armed_by_others_ns_ = 0;  // somebody's last request for another state than idle
+    bool others_insist_ = false;  // there were two within a second, the last of them not answered yet
     bool silent_ = true;
 
     bool arm_requested_ = false;

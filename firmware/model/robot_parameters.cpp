@@ -57,6 +57,8 @@ const std::array kTable{
     WW_INTEGER(0x0039, drive.watchdog_timeout_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.config.watchdog_timeout; 0: unknown"),
     WW_INTEGER(0x003A, drive.control_mode_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.controller.config.control_mode; 0: unknown"),
     WW_INTEGER(0x003B, drive.input_mode_endpoint, "", 0, 0, 65535, start, "CANSimple 0.6: endpoint of axis0.controller.config.input_mode; 0: unknown"),
+    WW_INTEGER(0x003C, drive.supply_period_ms, "ms", 0, 0, 1000, start, "cyclic period of the drives' report of their supply's voltage; 0: off, and it is not watched"),
+    WW_INTEGER(0x003D, drive.temperature_period_ms, "ms", 0, 0, 1000, start, "CANSimple 0.6: cyclic period of the drives' temperature report; 0: off, and heat is seen only when a drive stops for it"),
 
     WW_INTEGER(0x0040, drive.left.node, "", 1, 0, 62, start, "CAN node of the left drive"),
     WW_INTEGER(0x0041, drive.left.sign, "", 1, -1, 1, start, "1 or -1: direction of the left motor"),
@@ -87,6 +89,11 @@ const std::array kTable{
     WW_CHOICE(0x006A, safety.emergency_stop_reaction, kReactions, 0, start, "what the emergency stop does"),
     WW_CHOICE(0x006B, safety.overrun_reaction, kReactions, 0, start, "what missed cycles do"),
     WW_CHOICE(0x006C, safety.terminate_reaction, kReactions, 1, start, "what SIGTERM does"),
+    WW_CHOICE(0x006D, safety.drive_limits_reaction, kReactions, 0, start, "what a supply that is too low and a drive that is too hot do; one that is too high, which braking would raise, always coasts"),
+    WW_REAL(0x0070, safety.lowest_supply_V, "V", 0.0, 1.0, 1000.0, start, "a drive's supply below this is a fault; auto: 8 V, where an ODrive of any size stops by itself. Give the battery's"),
+    WW_REAL(0x0071, safety.highest_supply_V, "V", 0.0, 1.0, 1000.0, start, "a drive's supply above this is a fault; auto: 60 V, which no ODrive stands. Give the drives'"),
+    WW_REAL(0x0072, safety.inverter_temperature_degC, "degC", 0.0, 20.0, 200.0, start, "an inverter hotter than this is a fault; auto: 110 degC, where half of the current is left"),
+    WW_REAL(0x0073, safety.motor_temperature_degC, "degC", 0.0, 20.0, 250.0, start, "a motor hotter than this is a fault; auto: the same. Give the motor's"),
 
     WW_REAL(0x0080, dynamics.k5_m, "m", 0.0, -10.0, 10.0, idle, "K5: centrifugal coupling"),
     WW_REAL(0x0081, dynamics.k6_per_m, "1/m", 0.0, -1000.0, 1000.0, idle, "K6: Coriolis coupling"),

@@ -45,7 +45,8 @@ struct RobotParameters {
     } bus{};
     struct {
         std::int32_t generation;  // 5: 0.5.x, 6: 0.6.x
-        std::int32_t heartbeat_period_ms, encoder_period_ms, torque_period_ms;
+        std::int32_t heartbeat_period_ms, encoder_period_ms, torque_period_ms, supply_period_ms,
+            temperature_period_ms;
         double heartbeat_timeout_s, arming_timeout_s, watchdog_timeout_s;
         bool watchdog_assured;  // the operator vouches for the watchdog (generation 0.5 cannot be asked)
         // 0.6: endpoints of axis0.config.enable_watchdog, .watchdog_timeout,
@@ -64,8 +65,9 @@ struct RobotParameters {
         double stale_feedback_s, stale_command_cycles, host_timeout_s, over_speed_m_per_s,
             over_yaw_rate_rad_per_s;
         double clear_speed_m_per_s, ramp_timeout_s;
+        double lowest_supply_V, highest_supply_V, inverter_temperature_degC, motor_temperature_degC;
         StopReaction stale_command_reaction, over_speed_reaction, emergency_stop_reaction, overrun_reaction,
-            terminate_reaction;
+            terminate_reaction, drive_limits_reaction;
     } safety{};
     Dynamics<double> dynamics;
     Dynamics<double> dynamics_standard_error;
@@ -147,6 +149,7 @@ inline constexpr std::array kOrderRules{
     OrderRule{"safety.over_yaw_rate_rad_per_s", "limits.yaw_rate_rad_per_s"},
     OrderRule{"safety.over_speed_m_per_s", "ident.speed_limit_m_per_s"},
     OrderRule{"safety.over_yaw_rate_rad_per_s", "ident.yaw_rate_limit_rad_per_s"},
+    OrderRule{"safety.highest_supply_V", "safety.lowest_supply_V"},
     OrderRule{"pose_control.rearm_radius_m", "pose_control.stop_radius_m"},
 };
 // The first that does not hold; nullptr: all do.

@@ -26,6 +26,9 @@ struct Conditions {
     bool torque_not_followed = false;    // a drive reports another torque set-point than it was given
     bool drive_enable_failed = false;    // the drive-enable line cannot be written
     bool foreign_control = false;        // somebody else arms a drive or gives it set-points
+    bool supply_low = false;             // a drive reports a supply below its limit,
+    bool supply_high = false;            // or above it,
+    bool drive_overheated = false;       // or an inverter or motor that is too hot
     bool drive_silent = false;           // a drive's heartbeat is overdue
     bool drives_armed = false;           // both drives follow torque commands
     bool path_known = true;              // the pace of the path that is to be driven
@@ -122,6 +125,7 @@ struct StopChoices {
     bool emergency_stop_ramps = false;
     bool overrun_ramps = false;
     bool terminate_ramps = true;
+    bool drive_limits_ramp = false;
 };
 inline constexpr bool StopChoices::*kCoast = nullptr;  // where speed is not known or torque not obeyed
 
@@ -156,6 +160,12 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::feedback_stale, true, kDriving, Fault::stale_feedback, kCoast},
     FaultRule{&Conditions::encoder_implausible, true, kDriving, Fault::encoder_implausible, kCoast},
     FaultRule{&Conditions::over_speed, true, kDriving, Fault::over_speed, &StopChoices::over_speed_ramps},
+    FaultRule{&Conditions::supply_low, true, kDriving, Fault::drive_voltage_out_of_range,
+              &StopChoices::drive_limits_ramp},
+    // Braking would raise it further.
+    FaultRule{&Conditions::supply_high, true, kDriving, Fault::drive_voltage_out_of_range, kCoast},
+    FaultRule{&Conditions::drive_overheated, true, kDriving, Fault::drive_overheated,
+              &StopChoices::drive_limits_ramp},
     FaultRule{&Conditions::command_stale, true, kSetpointModes, Fault::stale_command,
               &StopChoices::stale_command_ramps},
     FaultRule{&Conditions::terminate, true, kDriving, Fault::terminated, &StopChoices::terminate_ramps},
@@ -206,6 +216,9 @@ inline constexpr std::array kEntryRules{
     Requirement{kDrives, &Conditions::terminate, false, Blocker::fault_latched},
     Requirement{kDrives, &Conditions::drive_silent, false, Blocker::drives_not_armed},
     Requirement{kDrives, &Conditions::drive_error, false, Blocker::drive_error},
+    Requirement{kDrives, &Conditions::supply_low, false, Blocker::drive_out_of_limits},
+    Requirement{kDrives, &Conditions::supply_high, false, Blocker::drive_out_of_limits},
+    Requirement{kDrives, &Conditions::drive_overheated, false, Blocker::drive_out_of_limits},
     Requirement{kRest, &Conditions::moving, false, Blocker::robot_moving},
     Requirement{kLoops, &Conditions::model_known, true, Blocker::not_identified},
     Requirement{kLoops, &Conditions::velocity_design_accepted, true, Blocker::design_refused},

@@ -28,6 +28,9 @@ Verdict Supervisor::step(const Conditions& now, const Requests& asked) {
     }
     if (asked.mode) {
         blocker_ = refusal(*asked.mode, now);
+        if (blocker_ == Blocker::none && config_.arming_needs_proof && !asked.proven && arms(*asked.mode)) {
+            blocker_ = Blocker::not_authenticated;
+        }
         verdict.refused = blocker_ != Blocker::none;
         if (!verdict.refused) verdict.entry = accept(*asked.mode);
     }
@@ -55,6 +58,11 @@ Blocker Supervisor::refusal(Mode wanted, const Conditions& now) const {
     if (!from_here) return Blocker::not_idle;
     const Requirement* rule = unmet(kEntryRules, rule_of(wanted).needs, now);
     return rule == nullptr ? Blocker::none : rule->otherwise;
+}
+
+// The drives are idle, or on the way to another mode: what is under way already needs no second leave.
+bool Supervisor::arms(Mode wanted) const {
+    return drives(wanted) && !drives(mode_) && !(phase_ == Phase::arming && wanted == requested_);
 }
 
 // Leaves the fault mode for idle when the fault's cause is gone and the robot stands. Outside it there is
@@ -100,8 +108,7 @@ void Supervisor::to(Phase phase) {
 
 void Supervisor::enter(Mode mode) {
     mode_ = mode;
-    phase_ = Phase::steady;
-    phase_cycles_ = 0;
+    to(Phase::steady);
 }
 
 // Arming and ramping to idle are watched by the rules of the driving modes, and so is a latched fault: what

@@ -18,12 +18,14 @@ struct SupervisorConfig {
     StopChoices stops;
     std::int32_t arming_limit_cycles = 2000;
     std::int32_t ramp_limit_cycles = 1000;
+    bool arming_needs_proof = false;  // a mode that arms the drives is entered only if its request is proven
 };
 
 // What the host asks in a cycle. A clearing comes before a mode.
 struct Requests {
     bool clear_fault = false;
     std::optional<Mode> mode;
+    bool proven = false;  // whoever asks for the mode has shown that he holds the key
 };
 
 // In this cycle a mode's law starts anew: with its set-points forgotten, or only those that have stopped
@@ -75,6 +77,7 @@ class Supervisor {
 
   private:
     Blocker refusal(Mode wanted, const Conditions& now) const;
+    bool arms(Mode wanted) const;
     bool clear(const Conditions& now);
     Remedy remedy(const Conditions& now) const;
     Entry accept(Mode wanted);

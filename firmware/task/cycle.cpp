@@ -18,14 +18,15 @@ constexpr int kRefusedTorquesUntilDown = 5;
 // After a request to end: how long the drives may take to confirm that they are idle.
 constexpr int kEndingCycles = 500;
 
-supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p) {
+supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p, bool has_key) {
     const auto ramps = [](model::StopReaction reaction) { return reaction == model::StopReaction::ramp; };
     supervisor::SupervisorConfig config;
-    config.stops = {ramps(p.safety.stale_command_reaction), ramps(p.safety.over_speed_reaction),
+    config.stops = {ramps(p.safety.stale_command_reaction),  ramps(p.safety.over_speed_reaction),
                     ramps(p.safety.emergency_stop_reaction), ramps(p.safety.overrun_reaction),
-                    ramps(p.safety.terminate_reaction)};
+                    ramps(p.safety.terminate_reaction),      ramps(p.safety.drive_limits_reaction)};
     // The drives report their own time-out first; this is the limit if they report nothing.
     config.arming_limit_cycles = static_cast<std::int32_t>(1.5 * p.drive.arming_timeout_s / kCyclePeriod_s);
+    config.arming_needs_proof = has_key;
     return config;
 }
 
@@ -40,9 +41,10 @@ std::int32_t ramp_limit_cycles(const model::RobotParameters& p) {
 Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const CyclePorts& ports)
     : parameters_(parameters),
       ports_(ports),
+      arming_(ports.arming_key),
       service_(parameters, mailbox),
-      supervisor_(supervisor_config(parameters)),
       judge_(parameters),
+      supervisor_(supervisor_config(parameters, arming_.has_key())),
       overrun_(parameters.overrun_fault.in_a_row, parameters.overrun_fault.per_second),
       drive_meter_(parameters.bus.bit_rate_bit_per_s),
       host_meter_(parameters.bus.host_bit_rate_bit_per_s),
@@ -51,12 +53,24 @@ Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const Cyc
     control_.finish_design();
 }
 
+std::array<std::span<std::byte>, 8> Cycle::memory() {
+    return {std::as_writable_bytes(std::span(&parameters_, 1)),
+            service_.memory(),
+            judge_.memory(),
+            torques_.memory(),
+            outbox_.memory(),
+            hal::plain_memory(host_, *this),
+            ports_.left.memory(),
+            ports_.right.memory()};
+}
+
 // Hands the live parameters to everybody who works with them.
 void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     senses_.configure(parameters_);
     encoder_watch_.configure(control::encoder_watch_settings(parameters_));
+    drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
     model_known_ = model::dynamics_known(parameters_);
@@ -130,6 +144,11 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     const auto& safety = parameters_.safety;
     told.command_stale = alone ? host_gone(host_, seen.now_ns, safety.host_timeout_s)
                                : late(host_, mode.setpoint, seen.now_ns, safety.stale_command_cycles);
+    const DriveLimits::Verdict& drives =
+        drive_limits_.look(seen.now_ns, ports_.left.feedback(), ports_.right.feedback());
+    told.supply_low = drives.supply_low;
+    told.supply_high = drives.supply_high;
+    told.drive_overheated = drives.overheated;
     told.drive_enable_failed = enable_failed_;
     told.path_known = !control_.pace().running();
     told.stop_line_active =
@@ -172,10 +191,29 @@ supervisor::Verdict Cycle::permit(const HostEvents& events) {
         control_.select_trajectory(*events.trajectory);
     }
     const bool identified = identifying();
-    const supervisor::Verdict verdict = supervisor_.step(conditions_, {events.clear_fault, events.mode});
-    if (verdict.refused) host_.count(HostLink::Cause::rejected_mode_not_allowed);
+    supervisor::Requests asked{events.clear_fault, events.mode};
+    if (events.answer) prove(events, asked);
+    const supervisor::Verdict verdict = supervisor_.step(conditions_, asked);
+    if (verdict.refused) {
+        if (supervisor_.blocker() == supervisor::Blocker::not_authenticated) {
+            arming_.ask();
+        } else {
+            host_.count(HostLink::Cause::rejected_mode_not_allowed);
+        }
+    }
+    if (const auto challenge = arming_.challenge(time_.scheduled_ns)) telemetry_.ask(*challenge);
     if (identified && !identifying()) finish_identification();
     return verdict;
+}
+
+// A right answer is a request for its mode; idle that is asked for in the same cycle comes before it.
+void Cycle::prove(const HostEvents& events, supervisor::Requests& asked) {
+    if (!arming_.accept(*events.answer, time_.scheduled_ns)) {
+        host_.count(HostLink::Cause::rejected_answer);
+    } else if (asked.mode != Mode::idle) {
+        asked.mode = events.answer->mode;
+        asked.proven = true;
+    }
 }
 
 void Cycle::command_drives(const supervisor::Verdict& verdict) {

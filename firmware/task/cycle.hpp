@@ -15,8 +15,10 @@
 #include "firmware/control/encoder_watch.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/supervisor/supervisor.hpp"
+#include "firmware/task/arming_guard.hpp"
 #include "firmware/task/bus_meter.hpp"
 #include "firmware/task/cycle_schedule.hpp"
+#include "firmware/task/drive_limits.hpp"
 #include "firmware/task/host_link.hpp"
 #include "firmware/task/judge.hpp"
 #include "firmware/task/learning.hpp"
@@ -26,6 +28,7 @@
 #include "firmware/task/telemetry.hpp"
 #include "hal/can_bus.hpp"
 #include "hal/digital_line.hpp"
+#include "hal/plain_memory.hpp"
 
 namespace wheelwright::task {
 
@@ -37,6 +40,7 @@ struct CyclePorts {
     drivers::MotorDrive& right;
     hal::DigitalInput* emergency_stop = nullptr;  // null: not connected
     hal::DigitalOutput* drive_enable = nullptr;
+    ArmingKey arming_key = {};  // none: whoever asks may arm
 };
 
 // Frames that wait to be sent.
@@ -53,6 +57,7 @@ class FrameBox final : public drivers::FrameSink {
     std::span<const hal::CanFrame> frames() const { return {frames_.data(), count_}; }
     void clear() { count_ = 0; }
     std::uint32_t lost() const { return lost_; }
+    std::span<std::byte> memory() { return hal::plain_memory(lost_, *this); }  // between cycles it is empty
 
   private:
     std::array<hal::CanFrame, kCapacity> frames_;
@@ -88,6 +93,11 @@ class Cycle {
     const control::WheelObserver<double>& observer() const { return senses_.observer(); }
     const supervisor::Conditions& conditions() const { return conditions_; }
 
+    // Between cycles: all that cycle, drives and live parameters remember, which is all that the next cycle
+    // depends on besides its inputs. Plain values (hal::plain_memory()): what is written back to a cycle that
+    // was made with the same parameters makes it go on from there.
+    std::array<std::span<std::byte>, 8> memory();
+
   private:
     static constexpr int kMostFramesPerCycle = 64;  // per bus; what is left waits for the next cycle
 
@@ -106,6 +116,7 @@ class Cycle {
     void fill_status(protocol::Status& status) const;
     void fill_counters(CycleReport& report) const;
 
+    [[gnu::noinline]] void prove(const HostEvents& events, supervisor::Requests& asked);
     void drain(hal::CanBus& bus, bool from_host, bool from_drives);
     bool transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter);
     void configure();
@@ -121,13 +132,19 @@ class Cycle {
 
     model::RobotParameters& parameters_;
     CyclePorts ports_;
-    HostLink host_;
+    ArmingGuard arming_;
     ParameterService service_;
+    Judge judge_;
+    FrameBox<4> torques_;  // one for each drive
+    FrameBox<24> outbox_;  // what the drives are asked besides
+    std::atomic<bool> terminate_{false};
+
+    HostLink host_;  // from here on plain_memory()
     supervisor::Supervisor supervisor_;
     supervisor::Conditions conditions_;
     Senses senses_;
     control::EncoderWatch encoder_watch_;
-    Judge judge_;
+    DriveLimits drive_limits_;
     MotionControl control_;
     Learning learning_;
     Telemetry telemetry_;
@@ -136,10 +153,7 @@ class Cycle {
     OverrunMonitor overrun_;
     BusMeter drive_meter_;
     BusMeter host_meter_;
-    FrameBox<4> torques_;  // one for each drive
-    FrameBox<24> outbox_;  // what the drives are asked besides
 
-    std::atomic<bool> terminate_{false};
     bool finished_ = false;
     int ending_cycles_ = 0;
 

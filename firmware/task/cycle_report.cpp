@@ -71,6 +71,10 @@ void Cycle::fill(ReportPart part, CycleReport& r) const {
             r.drive_generation = static_cast<std::uint8_t>(parameters_.drive.generation);
             r.drive_error_bits = {ports_.left.feedback().error_bits, ports_.right.feedback().error_bits};
             break;
+        case ReportPart::drive_health:
+            r.drive_health = {drive_limits_.health(0), drive_limits_.health(1)};
+            r.drive_health_told = drive_limits_.told();
+            break;
         case ReportPart::pace:
             r.pace = control_.told_pace();
             r.pace_known = model_known_ && conditions_.path_known;
@@ -128,6 +132,7 @@ void Cycle::fill_status(protocol::Status& s) const {
     }
     s.limit_adaptation_frozen =
         mode.learns && (learning_.adaptation_frozen() || senses_.slipping(time_.scheduled_ns));
+    s.limit_drives = drive_limits_.verdict().near;
     s.drive_left = static_cast<protocol::DriveState>(ports_.left.state());
     s.drive_right = static_cast<protocol::DriveState>(ports_.right.state());
     s.progress_percent = 100 * learning_.progress();

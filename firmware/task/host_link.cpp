@@ -124,6 +124,16 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
             if (take(received, command)) events_.clear_fault = true;
             return true;
         }
+        case protocol::ArmingAnswer::id: {
+            protocol::ArmingAnswer answer;
+            if (!take(received, answer)) return true;
+            if (events_.answer) {
+                count(Cause::rejected_answer);
+            } else {
+                events_.answer = answer;
+            }
+            return true;
+        }
         case protocol::HostAlive::id: {
             protocol::HostAlive sign;
             take(received, sign);

@@ -45,6 +45,7 @@ struct PoseGoal {
 // What arrived since the last cycle, once each. The rest of HostLink is the latest state.
 struct HostEvents {
     std::optional<supervisor::Mode> mode;
+    std::optional<protocol::ArmingAnswer> answer;  // the first: a later one finds no challenge
     std::optional<protocol::TrajectoryCommand> trajectory;
     std::optional<protocol::IdentSettings> ident;
     bool clear_fault = false;

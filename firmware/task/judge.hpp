@@ -5,12 +5,15 @@
 // Threads: the cycle's. No call allocates, blocks or throws.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "drivers/motor_drive.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/supervisor/supervisor.hpp"
 #include "firmware/task/senses.hpp"
+#include "hal/plain_memory.hpp"
 
 namespace wheelwright::task {
 
@@ -57,6 +60,8 @@ class Judge {
     std::uint32_t foreign_control() const {
         return foreign_control_;
     }  // counted by both drives and the host link
+
+    std::span<std::byte> memory() { return hal::plain_memory(effects_measured_, *this); }
 
   private:
     const model::RobotParameters& parameters_;

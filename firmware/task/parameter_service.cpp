@@ -43,7 +43,7 @@ protocol::ParameterReply ParameterService::answer(const protocol::ParameterReque
             break;
         case ParameterOperation::save:
             reply.result = save();
-            reply.value = static_cast<float>(mailbox_.offered());
+            reply.value = static_cast<float>(offered_);
             break;
     }
     return reply;
@@ -54,7 +54,7 @@ std::optional<protocol::ParameterReply> ParameterService::saved() {
     if (outcome == SaveMailbox::Outcome::none) return std::nullopt;
     protocol::ParameterReply reply;
     reply.operation = protocol::ParameterOperation::save;
-    reply.value = static_cast<float>(mailbox_.offered());
+    reply.value = static_cast<float>(offered_);
     reply.result = outcome == SaveMailbox::Outcome::saved ? Result::ok : Result::save_failed;
     return reply;
 }
@@ -64,7 +64,6 @@ ParameterService::Result ParameterService::read(std::uint16_t index, double& val
 }
 
 ParameterService::Result ParameterService::stage(std::uint16_t index, double value) {
-    if (staged_count_ == 0) staged_ = live_;
     double unused = 0;
     if (const Result known = read(index, unused); known != Result::ok) return known;
     const model::ChangeWhen when = model::changeable(index);
@@ -102,7 +101,9 @@ ParameterService::Result ParameterService::discard() {
 }
 
 ParameterService::Result ParameterService::save() {
-    return mailbox_.offer(since_load_) ? Result::save_started : Result::not_now;
+    if (!mailbox_.offer(since_load_)) return Result::not_now;
+    offered_ = since_load_.count;
+    return Result::save_started;
 }
 
 void ParameterService::record(std::uint16_t index, double value) {

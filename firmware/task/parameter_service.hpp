@@ -10,9 +10,12 @@
 #include <cstddef>
 #include <cstdint>
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
+#include "hal/plain_memory.hpp"
 
 namespace wheelwright::task {
 
@@ -35,14 +38,15 @@ class SaveMailbox {
   public:
     // Cycle: copies the snapshot in. False: the previous one is still being saved.
     bool offer(const ChangedParameters& snapshot) {
-        if (state_.load(std::memory_order_acquire) != State::empty) return false;
+        if (state_.load(std::memory_order_acquire) != State::empty) {
+            answers_.refused = !answers_.taken;
+            return false;
+        }
+        answers_.taken = true;
         snapshot_ = snapshot;
         state_.store(State::full, std::memory_order_release);
         return true;
     }
-
-    // Cycle: how many parameters the last snapshot has.
-    std::size_t offered() const { return snapshot_.count; }
 
     // Saving thread: the snapshot to save, or nullptr; finished() gives the slot back.
     const ChangedParameters* take() {
@@ -58,13 +62,31 @@ class SaveMailbox {
         const State state = state_.load(std::memory_order_acquire);
         if (state != State::saved && state != State::failed) return Outcome::none;
         state_.store(State::empty, std::memory_order_release);
-        return state == State::saved ? Outcome::saved : Outcome::failed;
+        answers_.outcome = state == State::saved ? Outcome::saved : Outcome::failed;
+        return answers_.outcome;
+    }
+
+    // What a cycle has been told, for the black box.
+    struct Answers {
+        bool taken = false;    // an offer
+        bool refused = false;  // the first one
+        Outcome outcome = Outcome::none;
+    };
+    // Cycle: since the last call.
+    Answers answers() { return std::exchange(answers_, {}); }
+    // Replay: the next cycle will be told this; where it is nothing, the next offer is taken.
+    void pretend(const Answers& answers) {
+        state_ = answers.outcome == Outcome::saved    ? State::saved
+                 : answers.outcome == Outcome::failed ? State::failed
+                 : answers.refused                    ? State::full
+                                                      : State::empty;
     }
 
   private:
     enum class State : std::uint8_t { empty, full, saved, failed };
     std::atomic<State> state_{State::empty};
     ChangedParameters snapshot_;
+    Answers answers_;
 };
 
 class ParameterService {
@@ -88,6 +110,8 @@ class ParameterService {
     Result discard();
     Result save();
 
+    std::span<std::byte> memory() { return hal::plain_memory(staged_, *this); }
+
     // What the firmware itself found (identification): written to the live parameters and saved with the
     // rest.
     void record(std::uint16_t index, double value);
@@ -104,11 +128,12 @@ class ParameterService {
 
     model::RobotParameters& live_;
     SaveMailbox& mailbox_;
-    model::RobotParameters staged_;
+    model::RobotParameters staged_;  // for trying; commit() begins anew from the live ones
     std::array<ChangedParameter, 64> staged_list_{};
     std::size_t staged_count_ = 0;
     bool staged_needs_idle_ = false;
     ChangedParameters since_load_;
+    std::size_t offered_ = 0;  // how many parameters the last snapshot for the mailbox has
     bool changed_ = false;
 };
 

@@ -2,6 +2,7 @@
 // phase, send. One thread; nothing in it allocates, locks or logs.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 
 #include "firmware/task/cycle_schedule.hpp"
@@ -16,7 +17,7 @@ struct LoopStatistics {
     DurationHistogram wake_latency;
     DurationHistogram execution;   // thinking and sending, the wait for the sending phase left out
     DurationHistogram send_phase;  // torques sent - scheduled, that is from the grid point after missed ones
-    std::uint64_t cycles = 0;
+    std::atomic<std::uint64_t> cycles{0};  // written by the loop's thread only; LoopWatch reads it
     std::uint64_t missed = 0;
 };
 
@@ -43,8 +44,9 @@ void run_cycles(Cycle& cycle, hal::Clock& clock, LoopStatistics& statistics, std
         cycle.send(sending_ns);
         const std::int64_t computing_ns = (thought_ns - time.woken_ns) + (clock.now_ns() - sending_ns);
         schedule.end(computing_ns);
-        ++statistics.cycles;
-        if (statistics.cycles == most_cycles) cycle.request_termination();
+        const std::uint64_t cycles = statistics.cycles.load(std::memory_order_relaxed) + 1;
+        statistics.cycles.store(cycles, std::memory_order_relaxed);
+        if (cycles == most_cycles) cycle.request_termination();
         statistics.missed += static_cast<std::uint64_t>(time.missed);
         statistics.wake_latency.add(time.wake_latency_ns());
         statistics.execution.add(computing_ns);

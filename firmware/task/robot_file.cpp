@@ -216,6 +216,7 @@ class Reader {
         if (!value.has_value()) return;
         if (path == "robot.name") robot_.name = *value;
         if (path == "lines.chip") robot_.lines_chip = *value;
+        if (path == "arming.key_file") robot_.key_file = *value;
         if (path == "dynamics.log") robot_.dynamics_provenance.log = *value;
         if (path == "dynamics.date") robot_.dynamics_provenance.date = *value;
     }

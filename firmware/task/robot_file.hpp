@@ -41,6 +41,7 @@ struct Provenance {
 struct RobotFile {
     std::string name;                   // robot.name; empty when not given
     std::string lines_chip;             // lines.chip, path of the gpiochip device; empty when not given
+    std::string key_file;               // arming.key_file, as in the file; empty when not given
     model::RobotParameters parameters;  // defaults where the file says nothing
     Provenance dynamics_provenance;
     std::array<Provenance, model::kEffectCount> effect_provenance;

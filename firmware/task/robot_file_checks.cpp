@@ -184,6 +184,22 @@ void note_watchdogs(const model::RobotParameters& p, Diagnostics& diagnostics) {
     }
 }
 
+// What the drives do not report cannot be watched.
+void note_unwatched(const model::RobotParameters& p, Diagnostics& diagnostics) {
+    if (p.drive.supply_period_ms == 0) {
+        diagnostics.note("drive.supply_period_ms",
+                         "0: the drives' supply is not watched, unless they report it all the same");
+    }
+    if (p.drive.temperature_period_ms == 0 && p.drive.generation != 5) {
+        diagnostics.note("drive.temperature_period_ms",
+                         "0: the drives' temperatures are not watched, unless they report them all the same");
+    }
+    if (p.drive.temperature_period_ms != 0 && p.drive.generation == 5) {
+        diagnostics.note("drive.temperature_period_ms",
+                         "drives of generation 0.5 report no temperature; it is not used");
+    }
+}
+
 void note_limited(const model::RobotParameters& p, Diagnostics& diagnostics) {
     const Quantity speed{"limits.speed_m_per_s", p.limits.speed_m_per_s};
     const Quantity yaw_rate{"limits.yaw_rate_rad_per_s", p.limits.yaw_rate_rad_per_s};
@@ -242,6 +258,7 @@ void find_contradictions(const RobotFile& robot, Diagnostics& diagnostics) {
 void take_notes(const RobotFile& robot, Diagnostics& diagnostics) {
     note_missing(robot, diagnostics);
     note_watchdogs(robot.parameters, diagnostics);
+    note_unwatched(robot.parameters, diagnostics);
     note_limited(robot.parameters, diagnostics);
     note_effects_not_estimated(robot.parameters, diagnostics);
 }

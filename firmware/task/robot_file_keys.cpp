@@ -24,6 +24,9 @@ const std::array kMassTable{
 const std::array kTextTable{
     TextInfo{"robot.name", "what people call this robot"},
     TextInfo{"lines.chip", "gpiochip device of the lines, such as /dev/gpiochip0"},
+    TextInfo{"arming.key_file",
+             "file of the key without which nobody arms the robot; beside the robot file, or a "
+             "whole path. wheelwrightd alone reads it"},
     TextInfo{"dynamics.log", "the log K5..K8 were identified from"},
     TextInfo{"dynamics.date", "the day that log was made, as text or as a date"},
 };

@@ -51,6 +51,8 @@ ReportPart part_of(std::uint32_t id) {
             return ReportPart::ident_sizing;
         case protocol::DriveError::id:
             return ReportPart::drives;
+        case protocol::DriveHealth::id:
+            return ReportPart::drive_health;
         case protocol::TrajectoryPace::id:
             return ReportPart::pace;
         case protocol::Timing::id:
@@ -72,7 +74,7 @@ Telemetry::Telemetry() : slots_{} {
         periods<Status, Counters, WheelState, Odometry, BodyState, TrackingError, EstimateK5K7, EstimateK6K8,
                 StandardErrorK5K7, StandardErrorK6K8, CovarianceK5K7, CovarianceK6K8, EffectEstimate,
                 EffectStandardError, IdentStatus, Timing, BusLoad, LoopDesign, DriveError, TrajectoryPace,
-                IdentSizing>();
+                IdentSizing, DriveHealth>();
     static_assert(kPeriods.size() == kSlots);
     // Spread over the shortest period, so that the frames of one period do not fall due together.
     for (std::size_t i = 0; i < kSlots; ++i) {
@@ -90,6 +92,7 @@ void Telemetry::reply(const protocol::ParameterReply& reply) {
 }
 
 Telemetry::Turn Telemetry::next(std::uint64_t cycle) {
+    if (challenge_) return {true, true, protocol::ArmingChallenge::id, {}};
     if (reply_count_ > 0) return {true, true, protocol::ParameterReply::id, {}};
     if (cycle < first_due_) return {};
     Slot* latest = &slots_[0];
@@ -114,6 +117,11 @@ Telemetry::Turn Telemetry::next(std::uint64_t cycle) {
 bool Telemetry::build(const Turn& turn, const CycleReport& report, Frame& out) {
     if (!turn.due) return false;
     if (!turn.reply) return build_message(turn.id, report, out);
+    if (turn.id == protocol::ArmingChallenge::id) {
+        const protocol::ArmingChallenge challenge = *challenge_;
+        challenge_.reset();
+        return put(challenge, out);
+    }
     const protocol::ParameterReply reply = replies_[reply_head_];
     reply_head_ = (reply_head_ + 1) % replies_.size();
     --reply_count_;
@@ -235,6 +243,10 @@ bool Telemetry::build_message(std::uint32_t id, const CycleReport& r, Frame& out
             drive_turn_ = 1 - drive_turn_;
             return put(error, out);
         }
+        case protocol::DriveHealth::id:
+            if (!r.drive_health_told) return false;
+            health_turn_ = 1 - health_turn_;
+            return put(r.drive_health[1 - health_turn_], out);
         case protocol::TrajectoryPace::id:
             return r.pace_known && put(r.pace, out);
         case protocol::IdentSizing::id: {

@@ -9,6 +9,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -34,13 +35,14 @@ enum class ReportPart : std::uint8_t {
     ident,
     ident_sizing,
     drives,
+    drive_health,
     pace,
     timing,
     bus_load,
     design,
     counters,
 };
-inline constexpr std::size_t kReportParts = 12;
+inline constexpr std::size_t kReportParts = 13;
 
 inline constexpr std::size_t kEffectParameters = [] {
     std::size_t total = 0;
@@ -64,7 +66,9 @@ struct CycleReport {
     protocol::IdentStatus ident;
     std::array<double, protocol::ident_quantity_values.size()> ident_quantities{};
     std::uint8_t drive_generation = 0;
-    std::array<std::uint32_t, 2> drive_error_bits{};  // left, right
+    std::array<std::uint32_t, 2> drive_error_bits{};      // left, right
+    std::array<protocol::DriveHealth, 2> drive_health{};  // left, right
+    bool drive_health_told = false;                       // a drive reports some of it, or should
     protocol::TrajectoryPace pace;
     bool pace_known = false;
     protocol::Timing timing;
@@ -80,11 +84,13 @@ class Telemetry {
     Telemetry();
 
     void reply(const protocol::ParameterReply& reply);
+    // Goes first; in place of one that has not left yet.
+    void ask(const protocol::ArmingChallenge& challenge) { challenge_ = challenge; }
 
     // What is to be sent in a cycle. The number of the cycle counts up by one in each call of next().
     struct Turn {
         bool due = false;
-        bool reply = false;    // a parameter reply, for which no part of the report is needed
+        bool reply = false;    // to a request, for which no part of the report is needed
         std::uint32_t id = 0;  // else of this message,
         ReportPart part{};     // which needs this part
     };
@@ -103,7 +109,7 @@ class Telemetry {
         std::uint64_t due;
         ReportPart part;
     };
-    static constexpr std::size_t kSlots = 21;
+    static constexpr std::size_t kSlots = 22;
 
     bool build_message(std::uint32_t id, const CycleReport& report, Frame& out);
 
@@ -112,12 +118,14 @@ class Telemetry {
     std::array<protocol::ParameterReply, 16> replies_{};
     std::size_t reply_head_ = 0;
     std::size_t reply_count_ = 0;
+    std::optional<protocol::ArmingChallenge> challenge_;
     std::uint32_t deferred_ = 0;
     std::uint32_t replies_lost_ = 0;
     std::size_t counter_turn_ = 0;
     std::size_t effect_turn_ = 0;
     std::size_t effect_error_turn_ = 0;
     std::size_t drive_turn_ = 0;
+    std::size_t health_turn_ = 0;
     std::size_t quantity_turn_ = 0;
     std::uint8_t alive_ = 0;
 };

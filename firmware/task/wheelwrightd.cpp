@@ -1,30 +1,44 @@
 // The firmware as a Linux process: reads the robot file, opens buses and lines, becomes real-time, and runs
 // one cycle in each millisecond until it is asked to end.
+#include <poll.h>
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <array>
+#include <chrono>
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <optional>
 #include <string>
+#include <string_view>
 
 #include "drivers/drive_catalogue.hpp"
+#include "firmware/task/black_box_writer.hpp"
+#include "firmware/task/build_identity.hpp"
 #include "firmware/task/bus_plan.hpp"
 #include "firmware/task/cycle.hpp"
+#include "firmware/task/key_file.hpp"
+#include "firmware/task/loop_watch.hpp"
 #include "firmware/task/realtime_loop.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "firmware/task/saver.hpp"
+#include "hal/linux/cryptography.hpp"
+#include "firmware/task/write_file.hpp"
 #include "hal/linux/gpiod_line.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
+#include "hal/linux/service_manager.hpp"
 #include "hal/linux/socketcan_bus.hpp"
 
 namespace {
 
 using namespace wheelwright;
 
-enum ExitStatus : int { kDone = 0, kUsage = 1, kMachineLacks = 4 };
+enum ExitStatus : int { kDone = 0, kUsage = 1, kHung = 3, kMachineLacks = 4 };
 
 task::Cycle* running_cycle = nullptr;  // for the signal handler only
 
@@ -61,6 +75,8 @@ struct Options {
     std::string config;
     std::string can;
     std::string host_can;
+    std::string key;
+    std::string black_box;
     double duration_s = 0;
     bool allow_soft_realtime = false;
     bool statistics = false;
@@ -126,13 +142,39 @@ void print_histogram(const char* name, const task::DurationHistogram& h) {
 }
 
 void print_statistics(const task::LoopStatistics& statistics) {
-    std::printf("cycles %llu, missed %llu\n", static_cast<unsigned long long>(statistics.cycles),
+    std::printf("cycles %llu, missed %llu\n", static_cast<unsigned long long>(statistics.cycles.load()),
                 static_cast<unsigned long long>(statistics.missed));
     print_duration("wake-up latency", statistics.wake_latency);
     print_duration("execution", statistics.execution);
     print_duration("sending phase", statistics.send_phase);
     print_histogram("wake-up latency", statistics.wake_latency);
     print_histogram("sending phase", statistics.send_phase);
+}
+
+// The cycle's thread hangs, maybe inside of its bus or the kernel: nothing that it uses is used here but the
+// drives' addresses and the enable line. The process ends without it; a service manager starts it anew.
+[[noreturn]] void end_hung(hal::CanBus& bus, const drivers::MotorDrive& left,
+                           const drivers::MotorDrive& right, hal::DigitalOutput* enable) {
+    constexpr int kTimes = 3;
+    constexpr int kTries = 20;  // of a frame that the queue does not take
+    constexpr useconds_t kBetween_us = 1000;
+    if (enable != nullptr) enable->write(false);
+    task::FrameBox<4> idle;
+    left.push_idle(idle);
+    right.push_idle(idle);
+    for (int i = 0; i < kTimes; ++i) {
+        for (const hal::CanFrame& frame : idle.frames()) {
+            for (int n = 0; n < kTries && bus.send(frame) == hal::CanStatus::would_block; ++n)
+                ::usleep(kBetween_us);
+        }
+        ::usleep(kBetween_us);
+    }
+    constexpr std::string_view kWords =
+        "wheelwrightd: the cycle hangs; the drives are told to be idle, and this ends\n";
+    pollfd standard_error{STDERR_FILENO, POLLOUT, 0};
+    const bool somebody_reads = ::poll(&standard_error, 1, 0) == 1;
+    if (somebody_reads && ::write(STDERR_FILENO, kWords.data(), kWords.size()) < 0) ::_exit(kHung);
+    ::_exit(kHung);
 }
 
 template <typename Line>
@@ -143,6 +185,56 @@ bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line
     }
     status = fail(result.error().exit_status(), result.error().message);
     return false;
+}
+
+// The key without which nobody arms the robot, if one is named; it outlives the cycle.
+struct InstalledKey {
+    std::unique_ptr<hal::MessageCode> code;
+    std::unique_ptr<hal::RandomSource> random;
+    std::string robot;
+
+    int read(const std::string& path) {
+        task::KeyFile file;
+        if (const std::string wrong = task::read_key_file(path, file); !wrong.empty()) {
+            return fail(kUsage, wrong);
+        }
+        int status = kDone;
+        if (!take(hal::make_aes_cmac(file.key), code, status) || !take(hal::make_random(), random, status)) {
+            return status;
+        }
+        robot = file.robot;
+        std::printf("wheelwrightd: arming needs the key of %s (%s)\n", robot.c_str(), path.c_str());
+        return kDone;
+    }
+    task::ArmingKey view() {
+        return code ? task::ArmingKey{code.get(), random.get(), robot} : task::ArmingKey{};
+    }
+};
+
+std::string key_path(const Options& options, const task::RobotFile& robot) {
+    if (!options.key.empty() || robot.key_file.empty()) return options.key;
+    return std::filesystem::path(options.config).parent_path() / robot.key_file;  // a whole path stays itself
+}
+
+// From the cycle's clock to that of candump.
+std::int64_t wall_clock_offset_ns() {
+    using std::chrono::nanoseconds;
+    const auto wall = std::chrono::system_clock::now().time_since_epoch();
+    const auto ours = std::chrono::steady_clock::now().time_since_epoch();
+    return std::chrono::duration_cast<nanoseconds>(wall).count() -
+           std::chrono::duration_cast<nanoseconds>(ours).count();
+}
+
+task::BoxAbout about_box(const Options& options, const task::CyclePorts& ports,
+                         std::int32_t drive_generation) {
+    task::BoxAbout about;
+    about.build = task::build_identity();
+    about.interface = {options.can, ports.host_bus == nullptr ? "" : options.host_can};
+    about.stop_line = ports.emergency_stop != nullptr;
+    about.enable_line = ports.drive_enable != nullptr;
+    about.drive_generation = drive_generation;
+    task::read_whole_file(options.config, about.robot_file);
+    return about;
 }
 
 int run(const Options& options) {
@@ -160,6 +252,11 @@ int run(const Options& options) {
     const std::string refusal = task::bus_refusal(task::bus_plan(parameters), parameters, shared);
     if (!refusal.empty()) return fail(kUsage, refusal);
 
+    InstalledKey key;
+    if (const std::string path = key_path(options, *file.robot); !path.empty()) {
+        if (const int status = key.read(path); status != kDone) return status;
+    }
+
     auto drive_bus = hal::SocketCanBus::open(options.can);
     if (!drive_bus) return fail(drive_bus.error().exit_status(), drive_bus.error().message);
     std::unique_ptr<hal::SocketCanBus> host_bus;
@@ -170,6 +267,9 @@ int run(const Options& options) {
         set_filters(*host_bus, parameters, false, true);
     }
     set_filters(*drive_bus.value(), parameters, true, shared);
+    auto watch_bus = hal::SocketCanBus::open(options.can);  // of its own, for when the cycle hangs
+    if (!watch_bus) return fail(watch_bus.error().exit_status(), watch_bus.error().message);
+    watch_bus.value()->set_filters({});
     hal::MonotonicClock clock;
     if (is_taken(*drive_bus.value(), clock)) return fail(kUsage, taken_text(options.can));
     if (host_bus && is_taken(*host_bus, clock)) return fail(kUsage, taken_text(options.host_can));
@@ -202,14 +302,39 @@ int run(const Options& options) {
     }
 
     task::SaveMailbox mailbox;
+    const task::CyclePorts ports{*drive_bus.value(), host_bus.get(),   *left, *right,
+                                 stop_line.get(),    enable_line.get(), key.view()};
+    std::unique_ptr<task::BlackBox> box;
+    if (!options.black_box.empty()) {
+        const std::string problem = task::BlackBoxWriter::prepare(options.black_box);
+        if (!problem.empty()) return fail(kMachineLacks, problem);
+        box = std::make_unique<task::BlackBox>(ports, mailbox);
+    }
     const auto cycle =
-        std::make_unique<task::Cycle>(parameters, mailbox,
-                                      task::CyclePorts{*drive_bus.value(), host_bus.get(), *left, *right,
-                                                       stop_line.get(), enable_line.get()});
+        std::make_unique<task::Cycle>(parameters, mailbox, box == nullptr ? ports : box->ports());
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
     block_signals(true);
     const task::Saver saver(options.config, mailbox);
+    std::optional<task::BlackBoxWriter> box_writer;
+    std::optional<task::BlackBoxThread> box_thread;
+    if (box != nullptr) {
+        box->watch(*cycle);
+        const auto say = [](const std::string& sentence) {
+            std::fprintf(stderr, "wheelwrightd: %s\n", sentence.c_str());
+        };
+        box_writer.emplace(*box, options.black_box, about_box(options, ports, parameters.drive.generation),
+                           say, &wall_clock_offset_ns);
+        box_thread.emplace(*box_writer);
+    }
+
+    hal::ServiceManager manager;
+    std::optional<task::LoopWatch> watch;
+    watch.emplace(statistics->cycles,
+                  task::LoopWatch::Actions{
+                      [&] { hal::set_fifo_priority(std::max(parameters.realtime.priority - 1, 1)); },
+                      [&] { manager.alive(clock.now_ns()); },
+                      [&] { end_hung(*watch_bus.value(), *left, *right, enable_line.get()); }});
 
     hal::RealtimeOptions realtime;
     realtime.priority = parameters.realtime.priority;
@@ -229,8 +354,17 @@ int run(const Options& options) {
     block_signals(false);
     std::printf("wheelwrightd: running on %s\n", options.can.c_str());
     std::fflush(stdout);
-    task::run_cycles(*cycle, clock, *statistics,
-                     static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s));
+    manager.ready();
+    watch->begin();
+    const auto cycles = static_cast<std::uint64_t>(options.duration_s / task::kCyclePeriod_s);
+    if (box == nullptr) {
+        task::run_cycles(*cycle, clock, *statistics, cycles);
+    } else {
+        task::RecordedCycle recorded(*cycle, *box);
+        task::run_cycles(recorded, clock, *statistics, cycles);
+    }
+    watch.reset();
+    manager.stopping();
     running_cycle = nullptr;
     if (options.statistics) print_statistics(*statistics);
     return kDone;
@@ -244,13 +378,16 @@ int main(int argc, char** argv) {
     program.name("wheelwrightd");
     program.footer(
         "Ends on SIGTERM, SIGHUP, SIGQUIT or Ctrl-C: the robot brakes, the drives go idle.\n"
-        "Exit status: 0 done; 1 usage or configuration; 4 the machine lacks something (no CAN, no "
-        "permission).");
+        "Exit status: 0 done; 1 usage or configuration; 3 the cycle hung, and the drives were told to be "
+        "idle; "
+        "4 the machine lacks something (no CAN, no permission).");
     program.add_option("--config", options.config, "Robot file")->required();
     program
         .add_option("--can", options.can, "CAN interface of the drives, and of the host unless --host-can")
         ->required();
     program.add_option("--host-can", options.host_can, "CAN interface of the host, where it is another one");
+    program.add_option("--key", options.key,
+                       "File of the key without which nobody arms the robot (else arming.key_file)");
     program.add_flag("--allow-soft-realtime", options.allow_soft_realtime,
                      "Run although the machine refuses what real time needs");
     program.add_option("--duration", options.duration_s, "End as on SIGTERM after so many seconds")
@@ -258,6 +395,9 @@ int main(int argc, char** argv) {
             const double value = std::strtod(text.c_str(), nullptr);
             return value > 0 && value <= 1e9 ? "" : "found " + text + ", expected a number greater than 0";
         });
+    program.add_option(
+        "--black-box", options.black_box,
+        "After each fault, write the last half minute to a file in this directory; the newest 8 stay");
     program.add_flag("--statistics", options.statistics,
                      "At the end, print latency, execution time and sending phase of the cycles");
     try {

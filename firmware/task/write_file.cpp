@@ -63,6 +63,10 @@ bool write_all(int descriptor, std::string_view text) {
 }  // namespace
 
 std::string write_whole_file(const std::string& path, std::string_view text) {
+    return write_whole_file(path, [text](const Pieces& write) { return write(text); });
+}
+
+std::string write_whole_file(const std::string& path, const std::function<bool(const Pieces&)>& produce) {
     std::string target = path;
     std::array<char, PATH_MAX> resolved{};
     if (::realpath(path.c_str(), resolved.data()) != nullptr) {
@@ -96,7 +100,9 @@ std::string write_whole_file(const std::string& path, std::string_view text) {
         if (::fchown(file.get(), old.st_uid, old.st_gid) != 0) errno = 0;
     }
     if (::fchmod(file.get(), mode) != 0) return fail("cannot set the permissions of");
-    if (!write_all(file.get(), text)) return fail("cannot write");
+    if (!produce([&file](std::string_view piece) { return write_all(file.get(), piece); })) {
+        return fail("cannot write");
+    }
     if (::fsync(file.get()) != 0) return fail("cannot flush");
     if (!file.close()) return fail("cannot close");
     if (::rename(temporary.c_str(), target.c_str()) != 0) return fail("cannot replace");

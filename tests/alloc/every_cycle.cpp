@@ -6,6 +6,7 @@
 #include <initializer_list>
 #include <limits>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,7 +14,9 @@
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "tests/bench/cycle_rig.hpp"
+#include "tests/support/key_holder.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::alloc {
@@ -70,6 +73,7 @@ class Visit {
     Visit(Tour& tour, const Watch& watch, const bench::ExampleRobots& robots, bench::RigOptions options = {})
         : tour_(tour), watch_(watch), witness_(tour) {
         options.world = robots.world;
+        options.black_box = true;
         rig_ = std::make_unique<bench::CycleRig>(robots.controller, robots.truth, options);
         rig_->bus().add_tap(witness_);
         run(300);
@@ -343,6 +347,23 @@ void send_nonsense(Visit& visit) {
     visit.recover();
 }
 
+// A wrong answer first, then the right one.
+void prove(Visit& visit, support::KeyHolder& holder) {
+    hal::CanBus& bus = visit.rig().host_bus();
+    support::KeyHolder::listen(bus);
+    visit.host().torque({0.5, 0.5});
+    for (const unsigned wrong : {1U, 0U}) {
+        visit.host().mode(Mode::torque);
+        std::optional<protocol::ArmingChallenge> challenge;
+        visit.run_until([&] { return (challenge = support::KeyHolder::heard(bus)).has_value(); }, 500);
+        if (!challenge) return;
+        protocol::ArmingAnswer answer = holder.answer(*challenge, Mode::torque);
+        answer.code_low ^= wrong;
+        bus.send(holder.frame(answer));
+        visit.run(200);
+    }
+}
+
 void fail_in_every_way(Visit& visit) {
     const auto left_faults = [](Visit& v) -> sim::SimOdriveFaults& { return v.world().left().faults(); };
     // Faults of drives, bus and host while the robot moves.
@@ -367,6 +388,9 @@ void fail_in_every_way(Visit& visit) {
         Case{[&] { visit.host().silence(); }, nothing},
         Case{[&] { visit.world().left().raise_error(0x40); }, nothing},
         Case{[&] { visit.world().right().drop_out(); }, nothing},
+        Case{[&] { left_faults(visit).supply_sags_V = 20; }, [&] { left_faults(visit).supply_sags_V = 0; }},
+        Case{[&] { left_faults(visit).supply_sags_V = -60; }, [&] { left_faults(visit).supply_sags_V = 0; }},
+        Case{[&] { left_faults(visit).heats_degC = 100; }, [&] { left_faults(visit).heats_degC = 0; }},
         Case{[&] { left_faults(visit).powered_off = true; }, [&] { left_faults(visit).powered_off = false; }},
         Case{[&] { left_faults(visit).motor_unplugged = true; },
              [&] { left_faults(visit).motor_unplugged = false; }},
@@ -408,6 +432,12 @@ void fail_in_every_way(Visit& visit) {
     visit.host().mode(Mode::velocity);
     visit.run(10);
     visit.recover();
+    left_faults(visit).heats_degC = 100;
+    visit.run(100);
+    visit.host().mode(Mode::velocity);
+    visit.run(10);
+    left_faults(visit).heats_degC = 0;
+    visit.recover();
     visit.rig().stop_line().set(hal::LineLevel::active);
     visit.host().mode(Mode::velocity);
     visit.run(10);
@@ -438,7 +468,7 @@ void terminate(Visit& visit, bool moving) {
 
 model::RobotParameters reacting(model::RobotParameters p, model::StopReaction reaction) {
     p.safety.stale_command_reaction = p.safety.over_speed_reaction = p.safety.emergency_stop_reaction =
-        p.safety.overrun_reaction = p.safety.terminate_reaction = reaction;
+        p.safety.overrun_reaction = p.safety.terminate_reaction = p.safety.drive_limits_reaction = reaction;
     p.safety.over_speed_m_per_s = 1.5;
     return p;
 }
@@ -459,8 +489,10 @@ std::vector<std::string> Tour::missing() const {
     std::vector<std::string> out;
     list(out, "mode", protocol::mode_values, mode, {Mode::boot});  // before the first cycle's end
     list(out, "coasting after", protocol::fault_values, coasted, {Fault::none});
-    for (const Fault fault : {Fault::stale_command, Fault::over_speed, Fault::emergency_stop_line,
-                              Fault::emergency_stop_message, Fault::cycle_overrun, Fault::terminated}) {
+    for (const Fault fault :
+         {Fault::stale_command, Fault::over_speed, Fault::emergency_stop_line, Fault::emergency_stop_message,
+          Fault::cycle_overrun, Fault::drive_voltage_out_of_range, Fault::drive_overheated,
+          Fault::terminated}) {
         // A stop line that is still active turns braking into coasting in the next cycle.
         if (!ramped[std::size_t(fault)]) out.push_back("braking after " + std::string(to_string_view(fault)));
     }
@@ -505,6 +537,8 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         const bool ramps = reaction == model::StopReaction::ramp;
         bench::ExampleRobots robots = known;
         robots.controller = reacting(known.controller, reaction);
+        for (model::RobotParameters* p : {&robots.controller, &robots.truth})
+            p->drive.supply_period_ms = p->drive.temperature_period_ms = 20;
         visit(ramps ? "faults met by braking" : "faults met by coasting", robots, lines, fail_in_every_way);
         visit("termination while driving", robots, lines, [](Visit& v) { terminate(v, true); });
     }
@@ -559,6 +593,12 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         v.host().emergency_stop();
         v.recover();
     });
+    support::KeyHolder holder;
+    const auto random = std::move(hal::make_random().value());
+    bench::RigOptions locked;
+    locked.arming_key = holder.key();
+    locked.arming_key.random = random.get();
+    visit("authenticated arming", known, locked, [&](Visit& v) { prove(v, holder); });
     bench::ExampleRobots older = known;
     older.controller.drive.generation = older.truth.drive.generation = 5;
     visit("drives of generation 0.5", older, {}, [](Visit& v) {

@@ -1,8 +1,10 @@
 // Runs cycles for an instruction counter: cycle_cost WHAT CYCLES [each].
-//   cycle       the firmware's cycle alone, adaptive figure-8: frames recorded from a drive before are handed
+//   cycle, recorded
+//               the firmware's cycle alone, adaptive figure-8: frames recorded from a drive before are handed
 //   to
 //               it again from memory, and the frames that it gives go to memory, so nothing of a bus is
 //               counted
+//               With its black box, or without
 //   simulation  whole milliseconds of the same drive: cycle, both ends of the bus, drives, body, host
 //   time        the same, on the clock: prints the times real time
 // `each`: the counter writes down every cycle by itself.
@@ -16,6 +18,7 @@
 #include <string_view>
 #include <vector>
 
+#include "firmware/task/black_box.hpp"
 #include "tests/bench/cycle_rig.hpp"
 #include "tools/sim/experiments.hpp"
 
@@ -110,7 +113,7 @@ void counted(bool each, Part&& part) {
     if (each) CALLGRIND_DUMP_STATS;
 }
 
-int count_cycles(int cycles, bool each) {
+int count_cycles(int cycles, bool each, bool recorded) {
     const bench::ExampleRobots robots = bench::example_robots(true);
     Recording recording;
     Recorder recorder(recording);
@@ -132,16 +135,25 @@ int count_cycles(int cycles, bool each) {
     task::SaveMailbox mailbox;
     drivers::DriveSlot left;
     drivers::DriveSlot right;
-    task::Cycle cycle(parameters, mailbox,
-                      {replayer, nullptr, *drivers::make_drive(left, parameters, drivers::Wheel::left),
-                       *drivers::make_drive(right, parameters, drivers::Wheel::right)});
+    const task::CyclePorts ports{replayer, nullptr,
+                                 *drivers::make_drive(left, parameters, drivers::Wheel::left),
+                                 *drivers::make_drive(right, parameters, drivers::Wheel::right)};
+    task::BlackBox box(ports, mailbox);
+    task::Cycle cycle(parameters, mailbox, recorded ? box.ports() : ports);
+    task::RecordedCycle recorded_cycle(cycle, box);
+    if (recorded) box.watch(cycle);
     for (std::size_t i = 0; i < total; ++i) {
         if (i == kSettling) CALLGRIND_START_INSTRUMENTATION;
         const task::CycleTime time = recording.times[i];
         replayer.begin(i);
         const auto run = [&] {
-            cycle.think(time);
-            cycle.send(time.scheduled_ns);
+            if (recorded) {
+                recorded_cycle.think(time);
+                recorded_cycle.send(time.scheduled_ns);
+            } else {
+                cycle.think(time);
+                cycle.send(time.scheduled_ns);
+            }
         };
         if (i < kSettling) {
             run();
@@ -193,7 +205,7 @@ int main(int argc, char** argv) {
     const std::string_view what = argv[1];
     const int cycles = std::atoi(argv[2]);
     const bool each = argc == 4 && std::string_view(argv[3]) == "each";
-    if (what == "cycle") return count_cycles(cycles, each);
+    if (what == "cycle" || what == "recorded") return count_cycles(cycles, each, what == "recorded");
     if (what == "simulation") return run_simulation(cycles, each, false);
     if (what == "time") return run_simulation(cycles, each, true);
     return 1;

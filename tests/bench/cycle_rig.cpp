@@ -45,8 +45,11 @@ CycleRig::CycleRig(const model::RobotParameters& controller, const model::RobotP
         *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
         *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
         options.digital_lines ? &stop_line_ : nullptr,
-        options.digital_lines ? &enable_line_ : nullptr};
-    cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
+        options.digital_lines ? &enable_line_ : nullptr,
+        options.arming_key};
+    if (options.black_box) box_ = std::make_unique<task::BlackBox>(ports, mailbox_);
+    cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, box_ == nullptr ? ports : box_->ports());
+    if (box_ != nullptr) box_->watch(*cycle_);
 }
 
 task::CycleTime CycleRig::wake() {

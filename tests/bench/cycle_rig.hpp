@@ -10,6 +10,7 @@
 
 #include "drivers/drive_catalogue.hpp"
 #include "firmware/model/robot_parameters.hpp"
+#include "firmware/task/black_box.hpp"
 #include "firmware/task/cycle.hpp"
 #include "hal/can_bus.hpp"
 #include "sim_hal/in_process_bus.hpp"
@@ -41,6 +42,8 @@ struct RigOptions {
     sim::WorldOptions world;
     bool separate_host_bus = false;
     bool digital_lines = false;  // the emergency-stop input and the drive-enable output
+    task::ArmingKey arming_key = {};
+    bool black_box = false;      // records into CycleRig::box(), which nobody writes
     FrontBus* front = nullptr;   // for the drives' bus; null: none. Outlives the rig.
 };
 
@@ -55,9 +58,16 @@ class CycleRig {
     template <typename CyclePart>
     void step(CyclePart&& cycle_part) {
         const task::CycleTime time = wake();
-        cycle_part([&] { cycle_->think(time); });
+        cycle_part([&] {
+            if (box_ != nullptr) box_->begin(time);
+            cycle_->think(time);
+        });
         clock_.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
-        cycle_part([&] { cycle_->send(clock_.now_ns()); });
+        cycle_part([&] {
+            if (box_ != nullptr) box_->sending(clock_.now_ns());
+            cycle_->send(clock_.now_ns());
+            if (box_ != nullptr) box_->end();
+        });
     }
     void step() {
         step([](auto&& part) { part(); });
@@ -67,6 +77,7 @@ class CycleRig {
     void miss(std::int64_t cycles) { late_cycles_ = cycles; }
 
     task::Cycle& cycle() { return *cycle_; }
+    task::BlackBox& box() { return *box_; }
     tools::SimulatedHost& host() { return *host_; }
     sim::World& world() { return world_; }
     sim::InProcessBus& bus() { return bus_; }
@@ -96,6 +107,7 @@ class CycleRig {
     drivers::DriveSlot left_;
     drivers::DriveSlot right_;
     task::SaveMailbox mailbox_;
+    std::unique_ptr<task::BlackBox> box_;
     std::unique_ptr<task::Cycle> cycle_;
     task::CycleSchedule schedule_;
     task::CycleTime time_;

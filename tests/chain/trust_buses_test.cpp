@@ -184,15 +184,75 @@ TEST(ChainBuses, a_drive_that_comes_back_armed_is_named_and_gets_no_torque) {
                                          std::to_string(worst.last_torque_s) + " s, fastest rim " +
                                          std::to_string(worst.rim_m_per_s) + ", fault " +
                                          std::to_string(int(scene.fault()));
-                // two reports and two heartbeats, which may name a better reason
-                CHECK_TEXT(worst.last_torque_s <= 0.16, text.c_str());
-                CHECK_TEXT(worst.rim_m_per_s <= speed + 0.25, text.c_str());
-                CHECK_TEXT(scene.fault() != Fault::none, text.c_str());
+                // Its first frame tells it; the cycle after that answers. Of one that is idle, and stands
+                // where it began to count, some missing frames tell nothing: its heartbeat does.
+                const double bound_s = speed == 0 && off_s < 0.006 ? 0.16 : 0.005;
+                CHECK_TEXT(worst.last_torque_s <= bound_s, text.c_str());
+                CHECK_TEXT(worst.rim_m_per_s <= speed + 0.05, text.c_str());
+                if (speed > 0) CHECK_TEXT(scene.fault() != Fault::none, text.c_str());
                 CHECK_FALSE_TEXT(drive.armed(), text.c_str());
             }
         }
     });
     std::printf("  torque for %.0f ms at most, rims %.2f m/s quicker\n", 1e3 * longest_s, fastest);
+}
+
+// Supply and heat as the drives report them: near is told, beyond stops, and keeps the robot from driving
+// off.
+TEST(ChainBuses, a_supply_or_a_temperature_beyond_its_limit_stops_the_robot_until_it_is_back) {
+    model::RobotParameters truth = real().parameters;
+    model::RobotParameters believed = identified();
+    for (model::RobotParameters* p : {&truth, &believed}) {
+        p->drive.supply_period_ms = p->drive.temperature_period_ms = 20;
+    }
+    believed.safety.lowest_supply_V = 20;
+    believed.safety.highest_supply_V = 30;
+    struct Case {
+        double sags_V, heats_degC;
+        Fault fault;
+        bool ramps;  // where it is asked for
+    };
+    for_each_layout([&](const Layout& layout) {
+        for (const Case& each :
+             {Case{3.5, 0, Fault::none, true}, Case{6, 0, Fault::drive_voltage_out_of_range, true},
+              Case{-10, 0, Fault::drive_voltage_out_of_range, false}, Case{0, 75, Fault::none, true},
+              Case{0, 85, Fault::drive_overheated, true}}) {
+            const bool asks_ramp = layout.side == 0;
+            believed.safety.drive_limits_reaction =
+                asks_ramp ? model::StopReaction::ramp : model::StopReaction::coast;
+            Scene scene(layout, 37, believed, truth);
+            scene.cruise(0.5 * layout.way);
+            CHECK(!scene.sim.cycle().report().status.limit_drives);
+            sim::SimOdriveFaults& faults = scene.sim.world().drive(layout.side).faults();
+            faults.supply_sags_V = each.sags_V;
+            faults.heats_degC = each.heats_degC;
+            const Scene::Worst worst = scene.run(1);
+            const std::string text = layout.name() + ", " + std::to_string(each.sags_V) + " V, " +
+                                     std::to_string(each.heats_degC) + " degC: fault " +
+                                     std::to_string(int(scene.fault())) + ", torque for " +
+                                     std::to_string(worst.last_torque_s) + " s";
+            CHECK_TEXT(scene.fault() == each.fault, text.c_str());
+            CHECK_TEXT(scene.sim.cycle().report().status.limit_drives, text.c_str());
+            if (each.fault == Fault::none) continue;
+            if (asks_ramp && each.ramps) {
+                CHECK_TEXT(std::abs(scene.true_speed()) < 0.01, text.c_str());
+            } else {
+                CHECK_TEXT(worst.last_torque_s <= 0.07, text.c_str());  // three reports
+            }
+            scene.sim.host().silence();
+            scene.sim.run_for(3);
+            scene.sim.host().clear_fault();
+            scene.sim.run_for(0.1);
+            scene.sim.host().mode(Mode::velocity);
+            scene.sim.run_for(0.1);
+            CHECK_TEXT(scene.sim.cycle().supervisor().blocker() == protocol::Blocker::drive_out_of_limits,
+                       text.c_str());
+            faults = {};
+            scene.sim.run_for(0.1);
+            CHECK(!scene.sim.cycle().report().status.limit_drives);
+            scene.cruise(0.3 * layout.way);
+        }
+    });
 }
 
 // --- the lines ---------------------------------------------------------------------------------------------
@@ -233,7 +293,7 @@ TEST(ChainBuses, a_remote_or_extended_frame_is_no_stop_and_no_command) {
         Scene scene(layout);
         scene.cruise(0.5 * layout.way);
         for (const bool remote : {false, true}) {
-            for (std::uint32_t id = protocol::EmergencyStop::id; id <= protocol::HostAlive::id; ++id) {
+            for (std::uint32_t id = protocol::EmergencyStop::id; id <= protocol::ArmingAnswer::id; ++id) {
                 hal::CanFrame frame;
                 frame.id = id;
                 frame.extended = !remote;

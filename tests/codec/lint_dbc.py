@@ -19,7 +19,8 @@ UNITLESS = set("""
     Crc Alive Index Value Generation Error Samples MissedCycles TelemetryDeferred ReceiveOverflow SendRefused SensitivityPeak
     Protocol_Version Hw_Version_Major Hw_Version_Minor Hw_Version_Variant
     Fw_Version_Major Fw_Version_Minor Fw_Version_Revision Fw_Version_Unreleased
-    Procedure_Result Motor_Error Endpoint_ID Reserved Reserved0 Reserved1 Identify Count
+    Procedure_Result Motor_Error CodeLow CodeHigh NonceLow NonceHigh
+    Endpoint_ID Reserved Reserved0 Reserved1 Identify Count
 """.split())
 
 

@@ -156,3 +156,69 @@ TEST(Limits, TheyHoldInSinglePrecisionToo) {
         CHECK(std::abs(t.left) <= 5.0F && std::abs(t.right) <= 5.0F);
     }
 }
+
+TEST(Limits, WhatIsNamedIsWhatWasCutAndNothingElse) {
+    struct Case {
+        WheelPair<double> wanted_Nm;
+        bool sum, difference;
+    };
+    for (const Case& one :
+         {Case{{7, 7}, true, false}, Case{{-7, -7}, true, false}, Case{{7, -7}, false, true},
+          Case{{8, 4}, true, false}, Case{{1, 12}, true, true}}) {
+        LimiterFlags flags;
+        limit_torque(one.wanted_Nm, 5.0, flags);
+        CHECK_EQUAL(one.sum, flags.has(Limiter::torque_sum));
+        CHECK_EQUAL(one.difference, flags.has(Limiter::torque_difference));
+    }
+}
+
+TEST(Limits, HalfOfTheTorqueIsTheUsualAccelerationWhereTheLimitsAllowIt) {
+    model::RobotParameters p = model::default_parameters();
+    p.limits.torque_Nm = 4;
+    p.limits.speed_m_per_s = 3;
+    p.limits.yaw_rate_rad_per_s = 8;
+    p.dynamics.k7_per_kg_m = 0.5;
+    p.dynamics.k8_per_kg_m2 = 2;
+    p.limits.acceleration_m_per_s2 = p.limits.yaw_acceleration_rad_per_s2 = 100;
+    DOUBLES_EQUAL(2, usual_acceleration(p).v_m_per_s2, 1e-12);
+    DOUBLES_EQUAL(8, usual_acceleration(p).omega_rad_per_s2, 1e-12);
+    DOUBLES_EQUAL(1.5, braking_time_s(p), 1e-12);
+    p.limits.yaw_rate_rad_per_s = 16;
+    DOUBLES_EQUAL(2, braking_time_s(p), 1e-12);
+    p.limits.acceleration_m_per_s2 = 0.75;
+    p.limits.yaw_acceleration_rad_per_s2 = 5;
+    DOUBLES_EQUAL(0.75, usual_acceleration(p).v_m_per_s2, 1e-12);
+    DOUBLES_EQUAL(5, usual_acceleration(p).omega_rad_per_s2, 1e-12);
+    DOUBLES_EQUAL(4, braking_time_s(p), 1e-12);
+}
+
+TEST(Limits, ARateLimiterNamesOnlyWhatHindersIt) {
+    TwistRateLimiter<double> limiter;
+    limiter.configure(0.5, 0.25);
+    for (const Twist<double>& reached : {Twist<double>{0.25, 0}, Twist<double>{0, 0.125}}) {  // just reached
+        LimiterFlags flags;
+        limiter.reset({0, 0});
+        DOUBLES_EQUAL(reached.v_m_per_s, limiter.step(reached, 0.5, flags).v_m_per_s, 0);
+        CHECK_EQUAL(0U, unsigned(flags.bits));
+    }
+    LimiterFlags flags;
+    limiter.reset({0, 0});
+    limiter.step({1, 0.5}, 0.5, flags);  // both by the same share
+    CHECK(flags.has(Limiter::acceleration));
+    CHECK_FALSE(flags.has(Limiter::yaw_acceleration));
+}
+
+TEST(Limits, ARateLimiterTakesSmallAccelerationsAndBeginsWhereItIsTold) {
+    TwistRateLimiter<double> limiter;
+    limiter.configure(0.5, 0.25);
+    limiter.reset({1, -1});
+    DOUBLES_EQUAL(1, limiter.now().v_m_per_s, 0);
+    DOUBLES_EQUAL(-1, limiter.now().omega_rad_per_s, 0);
+    LimiterFlags flags;
+    DOUBLES_EQUAL(1.05, limiter.step({2, -1}, 0.1, flags).v_m_per_s, 1e-12);
+    CHECK(flags.has(Limiter::acceleration));
+    limiter.reset({0, 0});
+    flags = {};
+    DOUBLES_EQUAL(0.025, limiter.step({0, 2}, 0.1, flags).omega_rad_per_s, 1e-12);
+    CHECK(flags.has(Limiter::yaw_acceleration));
+}

@@ -1,8 +1,10 @@
 // The ODrive driver against frames written by hand from the CANSimple description: id = node << 5 | command,
 // little endian, floats IEEE 754. Node 3 everywhere, so 0x07 (Set_Axis_State) is 0x067 and so on.
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdio>
+#include <cstring>
 #include <initializer_list>
 #include <limits>
 
@@ -66,6 +68,13 @@ struct Bench {
     }
     void heartbeat(int state, int error_byte_1 = 0) {
         receive(0x061, {0, error_byte_1, 0, 0, state, 0, 0, 0});
+    }
+
+    void encoder(float turns, float turns_per_s) {
+        hal::CanFrame f = frame(0x069, {0, 0, 0, 0, 0, 0, 0, 0});
+        std::memcpy(f.data.data(), &turns, 4);
+        std::memcpy(f.data.data() + 4, &turns_per_s, 4);
+        drive.accept({f, now + 1000});
     }
 
     // Arms without looking: an idle drive that obeys.
@@ -312,8 +321,10 @@ TEST(OdriveArming, frames_of_the_other_generation_are_told_and_refused) {
         b.heartbeat(1);
         b.cycle();
         CHECK(b.drive.state() == DriveState::idle);
-        b.receive(each.id, each.bytes);
-        b.heartbeat(1);
+        for (int i = 0; i < 3; ++i) {  // what a drive really sends comes again
+            b.receive(each.id, each.bytes);
+            b.heartbeat(1);
+        }
         CHECK_EQUAL(each.other, b.drive.state() == DriveState::other_generation);
         b.cycle();
         b.drive.request_arm();
@@ -321,6 +332,33 @@ TEST(OdriveArming, frames_of_the_other_generation_are_told_and_refused) {
         CHECK_EQUAL(each.other, b.drive.refusal() == ArmRefusal::other_generation);
         CHECK_EQUAL(each.other, b.sent.count == 0);
     }
+}
+
+// Anybody may send one such frame.
+TEST(OdriveArming, one_frame_of_the_other_generation_is_no_evidence_and_some_are_forgotten) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.receive(0x061, {0, 0, 0, 0, 1, 0, 0, 1});
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    b.drive.request_arm();
+    b.cycles(5);
+    b.check_sent({});  // but a reason to wait
+    CHECK(b.drive.refusal() == ArmRefusal::none);
+    b.heartbeat(1);
+    b.heartbeat(1);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::arming);
+
+    Bench doubted(config(OdriveGeneration::v0_6));
+    for (int i = 0; i < 5; ++i) doubted.receive(0x061, {0, 0, 0, 0, 1, 0, 0, 1});
+    doubted.cycle();
+    CHECK(doubted.drive.state() == DriveState::other_generation);
+    for (int i = 0; i < 4; ++i) doubted.heartbeat(1);
+    CHECK(doubted.drive.state() == DriveState::idle);
+    doubted.drive.request_arm();
+    doubted.cycle();
+    CHECK(doubted.drive.state() == DriveState::arming);
 }
 
 TEST(OdriveArming, a_heartbeat_from_before_the_request_does_not_arm) {
@@ -620,6 +658,100 @@ TEST(OdriveFaults, a_drive_that_ignores_disarming_is_a_fault) {
     CHECK(b.drive.fault() == DriveFault::disarm_failed);
 }
 
+// Its heartbeat would say so up to its period later, or never, where it comes back in closed loop.
+TEST(OdriveFaults, an_armed_drive_that_counts_anew_after_a_gap_has_left_that_state) {
+    for (const bool at_rest : {true, false}) {
+        Bench b(config(OdriveGeneration::v0_6));
+        b.arm();
+        float turns = 3;
+        for (int i = 0; i < 50; ++i, turns += 0.01F) {
+            b.encoder(turns, 10);
+            b.cycle();
+        }
+        const double before_rad = b.drive.feedback().position_rad;
+        b.cycles(3);
+        b.sent.count = 0;
+        b.encoder(at_rest ? 0.F : 0.02F, at_rest ? 0.F : 10.F);
+        CHECK(b.drive.state() == DriveState::fault);
+        CHECK(b.drive.fault() == DriveFault::left_armed);
+        DOUBLES_EQUAL(before_rad, b.drive.feedback().position_rad, 2 * kPi / 6.25 * 0.1);  // no motion
+        b.cycle();
+        b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    }
+}
+
+TEST(OdriveFaults, lost_encoder_frames_and_a_new_origin_alone_are_no_reboot) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.arm();
+    float turns = 3;
+    float speed = 10;
+    for (int i = 0; i < 400; ++i, speed -= 0.05F, turns += 1e-3F * speed) {  // turns back
+        if (i % 7 != 3 && i % 7 != 4 && i % 7 != 5) b.encoder(turns, speed);
+        b.cycle();
+        if (i % 50 == 0) b.heartbeat(8);
+    }
+    CHECK(b.drive.state() == DriveState::armed);
+    b.encoder(turns, speed);
+    b.cycle();
+    b.encoder(0, speed);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::armed);
+}
+
+TEST(OdriveFaults, an_idle_drive_that_has_been_away_is_told_to_be_idle_at_once) {
+    Bench b(config(OdriveGeneration::v0_6));
+    for (int i = 0; i < 20; ++i) {
+        b.encoder(0.5F, 0);
+        b.heartbeat(1);
+        b.cycle();
+    }
+    b.cycles(3);
+    b.encoder(0.5F, 0);
+    b.cycle();
+    b.check_sent({});  // some frames are always lost
+    b.cycles(20);
+    b.check_sent({});
+    b.encoder(0, 0);
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    b.encoder(0, 0);
+    b.cycles(20);
+    b.check_sent({});
+    b.heartbeat(1);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::idle);
+    b.check_sent({});
+}
+
+TEST(OdriveFaults, who_arms_a_drive_again_and_again_is_answered_by_estop) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.receive(0x067, {8, 0, 0, 0});
+    b.cycle();
+    b.check_sent({});  // the cycle's answer is to disarm
+    b.cycles(5);
+    for (int i = 0; i < 3; ++i) {
+        b.receive(0x067, {8, 0, 0, 0});
+        b.cycle();
+        b.check_sent({frame(0x062, {})});
+    }
+    b.receive(0x067, {1, 0, 0, 0});  // idle is nobody's harm
+    b.cycle();
+    b.check_sent({});
+    b.cycles(1100);
+    b.heartbeat(1);
+    b.receive(0x067, {8, 0, 0, 0});
+    b.cycle();
+    b.check_sent({});
+
+    Bench armed(config(OdriveGeneration::v0_6));
+    armed.arm();
+    armed.receive(0x067, {8, 0, 0, 0});
+    armed.cycle();
+    armed.check_sent({frame(0x062, {})});
+}
+
 TEST(OdriveFaults, an_expired_watchdog_is_a_fault_while_armed_and_none_while_idle) {
     Bench b(config(OdriveGeneration::v0_5));
     b.heartbeat(1, 0x08);  // 0x800
@@ -680,10 +812,31 @@ TEST(OdriveFeedback, torque_comes_from_current_in_0_5_and_from_the_estimate_in_0
 
 TEST(OdriveFeedback, supply_voltage_and_temperature_are_passed_on) {
     Bench b(config(OdriveGeneration::v0_6));
-    b.receive(0x077, {0, 0, 0xC0, 0x41, 0, 0, 0, 0});  // 24 V
-    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0, 0});     // 32 degC
+    CHECK_EQUAL(0, b.drive.feedback().supply_time_ns);
+    CHECK_EQUAL(0, b.drive.feedback().temperature_time_ns);
+    b.receive(0x077, {0, 0, 0xC0, 0x41, 0, 0, 0, 0});     // 24 V
+    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0x80, 0x42});  // 32 degC, 64 degC
     DOUBLES_EQUAL(24, b.drive.feedback().bus_voltage_V, 0);
-    DOUBLES_EQUAL(32, b.drive.feedback().temperature_degC, 0);
+    DOUBLES_EQUAL(32, b.drive.feedback().inverter_temperature_degC, 0);
+    DOUBLES_EQUAL(64, b.drive.feedback().motor_temperature_degC, 0);
+    CHECK(b.drive.feedback().supply_time_ns > 0);
+    CHECK(b.drive.feedback().temperature_time_ns > 0);
+}
+
+TEST(OdriveFeedback, a_motor_without_a_thermistor_has_no_temperature_and_its_inverter_has_one) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.receive(0x075, {0, 0, 0, 0x42, 0, 0, 0xC0, 0x7F});  // 32 degC, NaN
+    DOUBLES_EQUAL(32, b.drive.feedback().inverter_temperature_degC, 0);
+    CHECK(std::isnan(b.drive.feedback().motor_temperature_degC));
+    CHECK_EQUAL(0U, b.drive.counters().not_finite);
+    b.receive(0x075, {0, 0, 0, 0x42});
+    CHECK_EQUAL(1U, b.drive.counters().wrong_length);
+}
+
+TEST(OdriveFeedback, sensorless_estimates_of_0_5_are_no_temperatures) {
+    Bench b(config(OdriveGeneration::v0_5));
+    b.receive(0x075, {0, 0, 2, 0x43, 0, 0, 2, 0x43});  // 130 turns, 130 turns a second
+    CHECK_EQUAL(0, b.drive.feedback().temperature_time_ns);
 }
 
 TEST(OdriveFeedback, commanded_wheel_torque_becomes_motor_torque) {
@@ -859,4 +1012,542 @@ TEST(OdriveConfiguration, periodic_frames_are_listed_for_the_bus_load) {
     OdriveConfig c = config(OdriveGeneration::v0_6);
     c.torque_period_s = 0;
     CHECK_EQUAL(3U, OdriveDrive(c).frames().size());
+}
+
+// --- what no story above looks at: found by mutants of the driver ------------------------------------------
+
+namespace {
+
+constexpr hal::CanFrame with_floats(std::uint32_t id, float first, float second) {
+    hal::CanFrame f;
+    f.id = id;
+    f.length = 8;
+    const std::array<float, 2> both{first, second};
+    const auto bytes = std::bit_cast<std::array<std::uint8_t, 8>>(both);
+    for (std::size_t i = 0; i < bytes.size(); ++i) f.data[i] = bytes[i];
+    return f;
+}
+
+// An armed drive at whose motor 1 Nm at the wheel is 0.16 Nm, with a slack of 0.032 Nm.
+struct TorqueBench : Bench {
+    explicit TorqueBench(OdriveGeneration generation) : Bench(with_limit(generation)) { arm(); }
+    static OdriveConfig with_limit(OdriveGeneration generation) {
+        OdriveConfig c = config(generation);
+        c.torque_limit_Nm = 2;
+        return c;
+    }
+
+    void ask(double torque_Nm, int times = 10) {
+        for (int i = 0; i < times; ++i) {
+            cycle();
+            drive.command_torque(torque_Nm, sent);
+            sent.count = 0;
+        }
+    }
+    // The drive's set-point, at the motor.
+    void report(double motor_Nm) {
+        const double value = older ? motor_Nm / 0.0625 : motor_Nm;  // 0.5 tells it in A
+        drive.accept({with_floats(older ? 0x074 : 0x07C, static_cast<float>(value), 0), now + 2000});
+    }
+    bool follows() const { return drive.state() == DriveState::armed; }
+};
+
+constexpr std::array kGenerations{OdriveGeneration::v0_5, OdriveGeneration::v0_6};
+
+}  // namespace
+
+TEST(OdriveFaults, a_drive_that_gives_more_than_was_asked_is_a_fault_after_two_reports) {
+    for (const OdriveGeneration generation : kGenerations) {
+        TorqueBench b(generation);
+        const auto told = [&](double motor_Nm) {
+            b.ask(1);
+            b.report(motor_Nm);
+        };
+        for (int i = 0; i < 5; ++i) told(-0.16);
+        for (int i = 0; i < 5; ++i) told(0.34);  // not beyond twice and the slack
+        told(0.36);
+        told(0.16);  // one alone may be of a torque that was asked in between
+        told(0.36);
+        CHECK(b.follows());
+        told(-0.36);
+        CHECK(b.drive.fault() == DriveFault::torque_not_followed);
+        // Armed again it is judged anew: not by what was asked before.
+        b.cycle();
+        b.heartbeat(1);
+        b.arm();
+        told(0.36);  // nothing was asked before this report
+        told(0.36);
+        CHECK(b.follows());
+        told(0.36);
+        CHECK_FALSE(b.follows());
+    }
+}
+
+TEST(OdriveFaults, a_drive_that_gives_nothing_is_a_fault_once_its_heartbeat_denies_that_it_stopped) {
+    for (const OdriveGeneration generation : kGenerations) {
+        for (const double asked_Nm : {1.0, 0.5}) {  // 0.08 Nm: just more than twice the slack
+            TorqueBench b(generation);
+            const auto told = [&](double motor_Nm) {
+                b.ask(asked_Nm);
+                b.report(motor_Nm);
+            };
+            told(0);
+            told(0);
+            told(0);
+            CHECK(b.follows());
+            b.heartbeat(8);
+            told(0.03);
+            CHECK(b.drive.fault() == DriveFault::torque_not_followed);
+        }
+        TorqueBench quick(generation);  // the heartbeat may come between the two reports
+        quick.ask(1);
+        quick.report(0.16);
+        quick.ask(1);
+        quick.report(0);
+        quick.heartbeat(8);
+        quick.ask(1);
+        CHECK(quick.follows());
+        quick.report(0);
+        CHECK_FALSE(quick.follows());
+    }
+}
+
+TEST(OdriveFaults, little_torque_or_a_moment_without_any_is_nothing_to_judge) {
+    for (const OdriveGeneration generation : kGenerations) {
+        TorqueBench little(generation), moment(generation), more(generation), unasked(generation);
+        for (int i = 0; i < 10; ++i) {
+            little.ask(0.35);  // 0.056 Nm: within twice the slack
+            moment.ask(1, 4);
+            moment.ask(0, 1);
+            moment.ask(1, 4);
+            for (TorqueBench* b : {&little, &moment}) {
+                b->report(0);
+                b->heartbeat(8);
+                CHECK(b->follows());
+            }
+            more.ask(1, 4);
+            more.ask(0.1, 4);  // what was more is not forgotten over what is less
+            more.report(0.32);
+            CHECK(more.follows());
+        }
+        unasked.ask(0.1);
+        for (int i = 0; i < 5; ++i) unasked.report(0.5);  // nothing was asked between two of them
+        CHECK(unasked.follows());
+    }
+}
+
+// Positions are floats: far from zero the drive is told to count anew.
+TEST(OdriveFeedback, a_position_that_has_gone_far_is_counted_anew_and_goes_on) {
+    for (const OdriveGeneration generation : kGenerations) {
+        for (const float way : {1.F, -1.F}) {
+            Bench b(config(generation));
+            const auto turned = [&](double rev, double speed_rev_per_s = 0) {
+                b.drive.accept({with_floats(0x069, way * static_cast<float>(rev),
+                                            way * static_cast<float>(speed_rev_per_s)),
+                                b.now});
+                b.sent.count = 0;
+                b.cycle();
+            };
+            const auto position_rev = [&] {
+                return -way * b.drive.feedback().position_rad * 6.25 / (2 * kPi);
+            };
+            const auto told = [&] {
+                for (std::size_t i = 0; i < b.sent.count; ++i) CHECK_EQUAL(0x079U, b.sent.frames[i].id);
+                return b.sent.count;
+            };
+            b.heartbeat(1);
+            for (int i = 0; i < 20; ++i) turned(1024);  // the last that is near
+            for (int i = 0; i < 20; ++i) {              // jumps are no way that was gone
+                turned(1100);
+                turned(1612);
+                CHECK_EQUAL(0U, told());
+            }
+            turned(1100);
+            for (int i = 0; i < 3; ++i) {
+                turned(1500);
+                turned(1100);
+            }
+            CHECK_EQUAL(0U, told());
+            turned(1100.5, 100);
+            CHECK_EQUAL(1U, told());
+            b.heartbeat(1);
+            for (int i = 1; i < 100; ++i) {
+                turned(1100.5);
+                CHECK_EQUAL(0U, told());
+            }
+            turned(1100.5);  // not followed within 0.1 s: once more
+            CHECK_EQUAL(1U, told());
+            turned(1800);  // a wild frame is not the new count
+            turned(1100.5);
+            DOUBLES_EQUAL(1100.5, position_rev(), 1e-9);
+            turned(1100.5);
+            turned(400, 500);  // the new count: 1 ms after the last of the old one, 500 turns a second
+            DOUBLES_EQUAL(1101, position_rev(), 1e-9);
+            turned(400.5, 500);
+            DOUBLES_EQUAL(1101.5, position_rev(), 1e-9);
+            for (int i = 0; i < 300; ++i) {
+                turned(401);
+                CHECK_EQUAL(0U, told());
+            }
+            // The next time it is told again, after eight frames, three times at most.
+            b.heartbeat(1);
+            turned(1200);
+            for (int i = 0; i < 7; ++i) {
+                turned(1200);
+                CHECK_EQUAL(0U, told());
+            }
+            std::size_t times = 0;
+            for (int i = 0; i < 1000; ++i) {
+                if (i % 100 == 0) b.heartbeat(1);
+                turned(1200);
+                times += told();
+            }
+            CHECK_EQUAL(3U, times);
+        }
+    }
+}
+
+TEST(OdriveFeedback, a_drive_that_follows_at_once_goes_on) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    for (int i = 0; i < 10; ++i) b.drive.accept({with_floats(0x069, -1100, 0), b.now});
+    b.cycle();
+    b.check_sent({frame(0x079, kZero8)});
+    b.drive.accept({with_floats(0x069, 0, 0), b.now});
+    DOUBLES_EQUAL(1100 * 2 * kPi / 6.25, b.drive.feedback().position_rad, 1e-9);
+}
+
+TEST(OdriveFeedback, a_drive_that_counts_anew_unasked_has_jumped) {
+    Bench b(config(OdriveGeneration::v0_6));
+    for (int i = 0; i < 20; ++i) b.drive.accept({with_floats(0x069, -1100, 0), b.now});
+    b.drive.accept({with_floats(0x069, 0.5, 0), b.now});
+    DOUBLES_EQUAL(-0.5 * 2 * kPi / 6.25, b.drive.feedback().position_rad, 1e-12);
+    b.heartbeat(1);
+    b.cycles(10);
+    b.check_sent({});
+}
+
+TEST(OdriveFeedback, a_drive_that_arms_is_not_told_to_count_anew) {
+    Bench b(config(OdriveGeneration::v0_6));
+    for (int i = 0; i < 20; ++i) b.drive.accept({with_floats(0x069, 1100, 0), b.now});
+    b.heartbeat(1);
+    b.drive.request_arm();
+    b.cycles(20);
+    for (std::size_t i = 0; i < b.sent.count; ++i) CHECK(b.sent.frames[i].id != 0x079);
+}
+
+TEST(OdriveFeedback, a_current_is_a_torque_with_its_time) {
+    Bench b(config(OdriveGeneration::v0_5));
+    b.receive(0x074, {0, 0, 0x80, 0x3F, 0, 0, 0x80, 0x40});
+    CHECK_EQUAL(b.now + 1000, b.drive.feedback().torque_time_ns);
+}
+
+// Its answer must not be taken for the other generation's.
+TEST(OdriveFeedback, a_question_of_somebody_else_is_noticed) {
+    Bench b(config(OdriveGeneration::v0_5));
+    hal::CanFrame question = frame(0x07C, {});
+    question.remote = true;
+    CHECK(b.drive.accept({question, b.now}));
+    CHECK_EQUAL(1U, b.drive.counters().foreign_commands);
+    b.receive(0x07C, kZero8);
+    b.heartbeat(1);
+    CHECK(b.drive.state() == DriveState::idle);
+    b.receive(0x067, {1});  // short, but to idle
+    CHECK_EQUAL(0U, b.drive.counters().foreign_control);
+}
+
+TEST(OdriveArming, a_heartbeat_ends_the_silence_at_once_and_its_end_is_exact) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.now = 0;
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::silent);  // never heard, though the clock has only begun
+    b.drive.accept({frame(0x061, {0, 0, 0, 0, 1, 0, 0, 0}), b.now});
+    CHECK(b.drive.state() == DriveState::idle);
+    b.cycles(350);
+    CHECK(b.drive.state() == DriveState::idle);
+    b.cycle();
+    CHECK(b.drive.state() == DriveState::silent);
+}
+
+TEST(OdriveArming, heartbeats_about_the_time_of_the_request_are_not_its_answer) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(4);  // the fourth asks for closed loop
+    const std::int64_t asked = b.now;
+    b.drive.accept({frame(0x061, {0, 0, 0, 0, 8, 0, 0, 0}), asked});
+    CHECK(b.drive.state() == DriveState::arming);
+    for (const std::int64_t after : {1 * kMs, 5 * kMs}) {  // an error of before
+        b.drive.accept({frame(0x061, {0, 2, 0, 0, 1, 0, 0, 0}), asked + after});
+        CHECK(b.drive.state() == DriveState::arming);
+    }
+    b.drive.accept({frame(0x061, {0, 2, 0, 0, 1, 0, 0, 0}), asked + 5 * kMs + 1});
+    CHECK(b.drive.refusal() == ArmRefusal::drive_error);
+}
+
+TEST(OdriveArming, a_heartbeat_at_the_time_of_clearing_does_not_tell_what_is_left) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1, 2);
+    b.cycle();
+    b.drive.request_clear_errors();
+    b.cycle();
+    b.drive.accept({frame(0x061, {0, 0, 0, 0, 1, 0, 0, 0}), b.now + 5 * kMs});
+    CHECK(b.drive.state() == DriveState::arming);
+}
+
+TEST(OdriveArming, a_stop_while_arming_ends_it_and_is_repeated_until_obeyed) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(4);
+    b.sent.count = 0;
+    b.drive.request_disarm();
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    b.heartbeat(8);  // the request for closed loop was obeyed yet
+    CHECK(b.drive.state() != DriveState::armed);
+    b.cycles(50);
+    b.check_sent({});
+    b.cycle();
+    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+}
+
+TEST(OdriveArming, silence_while_arming_is_a_fault_once_it_is_heard_again) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(360);
+    b.heartbeat(1);
+    CHECK(b.drive.fault() == DriveFault::silent);
+    CHECK(b.drive.state() == DriveState::fault);
+}
+
+// However the drive has come to be told: what it was told an earlier time counts for nothing.
+TEST(OdriveArming, each_disarming_begins_anew) {
+    enum class Way { asked, error, timed_out };
+    for (const Way way : {Way::asked, Way::error, Way::timed_out}) {
+        OdriveConfig c = config(OdriveGeneration::v0_6);
+        c.arming_timeout_s = 0.2;
+        Bench b(c);
+        b.arm();
+        b.drive.request_disarm();
+        b.cycle();
+        for (int i = 0; i < 30; ++i) {
+            b.heartbeat(1);
+            b.cycles(10);
+        }
+        if (way == Way::timed_out) {
+            b.drive.request_arm();
+            b.cycles(190);
+            b.heartbeat(8, 2);  // closed loop with an error: not armed
+            b.sent.count = 0;
+        } else {
+            b.arm();
+            if (way == Way::asked) b.drive.request_disarm();
+            if (way == Way::error) b.heartbeat(8, 2);
+        }
+        b.cycle();
+        b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+        b.cycles(9);
+        b.heartbeat(8);  // soon after: not yet repeated
+        b.cycles(30);
+        b.check_sent({});
+        b.cycles(12);
+        b.check_sent({frame(0x067, {1, 0, 0, 0})});
+        CHECK(b.drive.fault() != DriveFault::disarm_failed);
+    }
+}
+
+TEST(OdriveArming, a_second_arming_takes_every_step_again) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.watchdog_endpoint = 0x0123;
+    Bench b(c);
+    const auto answer = [&](int value) { b.receive(0x065, {0, 0x23, 0x01, 0, value, 0, 0, 0}); };
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(4);
+    answer(0);  // the watchdog is off
+    b.cycle();
+    CHECK(b.drive.refusal() == ArmRefusal::watchdog_not_confirmed);
+    b.sent.count = 0;
+    for (int time = 0; time < 2; ++time) {  // it has been switched on
+        if (time == 1) {                    // and the axis runs, told to be idle but not obeying
+            b.drive.request_disarm();
+            b.cycle();
+            b.heartbeat(8);
+            b.sent.count = 0;
+        }
+        b.drive.request_arm();
+        b.cycle();
+        CHECK(b.drive.refusal() == ArmRefusal::none);
+        if (time == 1) {
+            b.check_sent({frame(0x067, {1, 0, 0, 0})});
+            b.heartbeat(1);
+            b.cycle();
+        }
+        b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
+        b.cycle();
+        b.check_sent({frame(0x06E, kZero8)});
+        b.cycle();
+        b.check_sent({frame(0x064, {0, 0x23, 0x01, 0, 0, 0, 0, 0}), frame(0x06E, kZero8)});
+        answer(1);
+        b.cycle();
+        b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0}), frame(0x06E, kZero8)});
+        b.cycle();
+        b.check_sent({frame(0x067, {8, 0, 0, 0}), frame(0x06E, kZero8)});
+        b.heartbeat(8);
+        CHECK(b.drive.state() == DriveState::armed);
+    }
+}
+
+TEST(OdriveArming, clearing_and_arming_in_one_cycle_are_both_done) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.receive(0x063, {0, 0, 0, 0, 0, 0, 0, 0x02});  // a reason that is told once
+    b.cycle();
+    b.drive.request_clear_errors();
+    b.drive.request_arm();
+    b.cycle();
+    b.check_sent({frame(0x078, {0})});
+    b.cycles(10);
+    b.heartbeat(1);
+    b.cycle();
+    b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
+}
+
+TEST(OdriveArming, a_new_request_forgets_why_the_last_one_was_refused) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.drive.request_arm();
+    b.cycle();
+    CHECK(b.drive.refusal() == ArmRefusal::silent);
+    b.heartbeat(1);
+    b.drive.request_arm();
+    b.cycle();
+    CHECK(b.drive.refusal() == ArmRefusal::none);
+}
+
+TEST(OdriveArming, a_drive_that_stays_in_closed_loop_times_out_whatever_could_be_asked) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.watchdog_endpoint = 0x0123;
+    c.arming_timeout_s = 0.1;
+    Bench b(c);
+    b.heartbeat(8);
+    b.cycle();
+    b.drive.request_arm();
+    for (int i = 0; i < 12; ++i) {
+        b.heartbeat(8);
+        b.cycles(10);
+    }
+    CHECK(b.drive.refusal() == ArmRefusal::timed_out);
+}
+
+TEST(OdriveArming, questions_follow_each_other_at_once_and_an_answer_needs_its_question) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.watchdog_endpoint = 100;
+    c.control_mode_endpoint = 102;
+    Bench b(c);
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycles(3);
+    b.sent.count = 0;
+    b.receive(0x065, {0, 100, 0, 0, 1, 0, 0, 0});
+    b.receive(0x065, {0, 102, 0, 0, 1, 0, 0, 0});  // nobody has asked for it yet
+    b.cycle();
+    b.check_sent({frame(0x064, {0, 102, 0, 0, 0, 0, 0, 0}), frame(0x06E, kZero8)});
+}
+
+// 0.5 feeds the watchdog for the heartbeat's time-out, or half of the arming's, and waits for a heartbeat.
+TEST(OdriveArming, generation_0_5_waits_as_long_as_it_says) {
+    OdriveConfig c = config(OdriveGeneration::v0_5);
+    Bench unheard(c);
+    unheard.heartbeat(1);
+    unheard.cycle();
+    unheard.drive.request_arm();
+    unheard.cycles(2);
+    unheard.heartbeat(1);  // too soon after the request
+    unheard.cycles(340);
+    unheard.sent.count = 0;
+    unheard.cycles(10);
+    for (std::size_t i = 0; i < unheard.sent.count; ++i) CHECK(unheard.sent.frames[i].id != 0x06B);
+    c.arming_timeout_s = 0.6;
+    Bench b(c);
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    b.cycle();
+    int waited = 0;
+    for (bool done = false; !done && waited < 1000; ++waited) {
+        if (waited % 100 == 50) b.heartbeat(1);
+        b.sent.count = 0;
+        b.cycle();
+        done = b.sent.frames[0].id == 0x06B;
+    }
+    CHECK_EQUAL(301, waited);
+}
+
+TEST(OdriveFaults, a_refused_frame_is_pushed_again_while_arming_and_while_clearing) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    b.cycle();
+    b.drive.request_arm();
+    for (int time = 0; time < 2; ++time) {
+        b.cycle();
+        b.check_sent({frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})});
+        if (time == 0) CHECK(b.drive.refused(frame(0x06B, {1, 0, 0, 0, 1, 0, 0, 0})));
+    }
+    Bench clearing(config(OdriveGeneration::v0_6));
+    clearing.heartbeat(1, 2);
+    clearing.cycle();
+    clearing.drive.request_clear_errors();
+    for (int time = 0; time < 2; ++time) {
+        clearing.cycle();
+        clearing.check_sent({frame(0x078, {0})});
+        if (time == 0) CHECK(clearing.drive.refused(frame(0x078, {0})));
+    }
+    clearing.drive.refused(frame(0x06E, kZero8));
+    clearing.cycle();
+    clearing.check_sent({});
+    // An idle that was refused is not confirmed by a heartbeat that came meanwhile.
+    Bench idle(config(OdriveGeneration::v0_6));
+    idle.arm();
+    idle.drive.request_disarm();
+    idle.cycle();
+    idle.drive.refused(frame(0x067, {1, 0, 0, 0}));
+    idle.heartbeat(1);
+    idle.sent.count = 0;
+    idle.cycle();
+    idle.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+}
+
+TEST(OdriveConfiguration, limits_and_endpoints_reach_the_drive) {
+    model::RobotParameters p = model::default_parameters();
+    p.drive.heartbeat_timeout_s = 0.21;
+    p.drive.arming_timeout_s = 1.3;
+    p.drive.watchdog_timeout_s = 0.03;
+    p.limits.torque_Nm = 3.5;
+    p.drive.watchdog_timeout_endpoint = 392;
+    p.drive.control_mode_endpoint = 393;
+    p.drive.input_mode_endpoint = 394;
+    const OdriveConfig c = odrive_config(p, Wheel::right);
+    DOUBLES_EQUAL(0.21, c.heartbeat_timeout_s, 0);
+    DOUBLES_EQUAL(1.3, c.arming_timeout_s, 0);
+    DOUBLES_EQUAL(0.03, c.watchdog_timeout_s, 0);
+    DOUBLES_EQUAL(3.5, c.torque_limit_Nm, 0);
+    CHECK_EQUAL(392, c.watchdog_timeout_endpoint);
+    CHECK_EQUAL(393, c.control_mode_endpoint);
+    CHECK_EQUAL(394, c.input_mode_endpoint);
+}
+
+TEST(OdriveConfiguration, the_listed_frames_are_those_of_the_generation_and_their_way) {
+    for (const OdriveGeneration generation : kGenerations) {
+        const OdriveDrive drive(config(generation));
+        CHECK_EQUAL(4U, drive.frames().size());
+        for (const DriveFrame& f : drive.frames()) CHECK_EQUAL(f.name == "Set_Input_Torque", f.to_drive);
+        CHECK(drive.frames()[2].name == (generation == OdriveGeneration::v0_5 ? "Get_Iq" : "Get_Torques"));
+    }
 }

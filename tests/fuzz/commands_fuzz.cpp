@@ -9,6 +9,7 @@
 #include "firmware/protocol/command_guard.hpp"
 #include "tests/chain/robots.hpp"
 #include "tests/fuzz/expect.hpp"
+#include "tests/support/key_holder.hpp"
 
 using namespace wheelwright;
 using protocol::Mode;
@@ -28,7 +29,8 @@ enum class Act : std::uint8_t {
     clear,
     silence,
     external_pose,
-    kMaxValue = external_pose,
+    answer,  // to the last challenge, with the right code or some other
+    kMaxValue = answer,
 };
 
 constexpr double kMostTime_s = 3;
@@ -36,7 +38,12 @@ constexpr int kMostSteps = 200;
 
 class Robot {
   public:
-    Robot() : sim_(chain::identified(), chain::real().parameters, options()) { run(400); }
+    // `locked`: its firmware has a key, and the host holds it.
+    explicit Robot(bool locked)
+        : locked_(locked), sim_(chain::identified(), chain::real().parameters, options(locked, holder_)) {
+        support::KeyHolder::listen(sim_.host_bus());
+        run(400);
+    }
 
     void act(FuzzedDataProvider& input) {
         tools::SimulatedHost& host = sim_.host();
@@ -93,6 +100,9 @@ class Robot {
             case Act::external_pose:
                 host.external_pose({real(), real(), real()});
                 break;
+            case Act::answer:
+                send_answer(input);
+                break;
         }
         run(1);
     }
@@ -100,8 +110,9 @@ class Robot {
     bool time_is_over() const { return sim_.time_s() > kMostTime_s; }
 
   private:
-    static tools::SimulationOptions options() {
+    static tools::SimulationOptions options(bool locked, support::KeyHolder& holder) {
         tools::SimulationOptions o = chain::options(1);
+        if (locked) o.arming_key = holder.key();
         o.separate_host_bus = true;  // on one bus any_frame could be a set-point for a drive
         return o;
     }
@@ -125,6 +136,16 @@ class Robot {
         }
         if (info.id == protocol::EmergencyStop::id || info.id == protocol::ClearFault::id) stopped_ = false;
         sim_.host_bus().send(frame);
+    }
+
+    void send_answer(FuzzedDataProvider& input) {
+        if (const auto heard = support::KeyHolder::heard(sim_.host_bus())) challenge_ = *heard;
+        const auto mode = static_cast<Mode>(input.ConsumeIntegralInRange(1, 7));
+        protocol::ArmingAnswer answer = holder_.answer(challenge_, mode);
+        const auto turned = input.ConsumeIntegral<std::uint8_t>();
+        answer.code_low ^= turned;
+        if (turned == 0) proven_ = true;
+        sim_.host_bus().send(holder_.frame(answer));
     }
 
     void run(int cycles) {
@@ -158,11 +179,17 @@ class Robot {
                 FUZZ_EXPECT(!drive.armed() || drive.torque_target_Nm() == 0);
             }
         }
+        // Nobody arms a robot with a key who has not shown it.
+        FUZZ_EXPECT(!locked_ || proven_ || !supervisor.wants_armed());
         // A stop stands until it is cleared.
         if (stopped_ && ++since_stop_ > 3)
             FUZZ_EXPECT(supervisor.mode() == Mode::fault && !supervisor.may_drive());
     }
 
+    bool locked_;
+    bool proven_ = false;
+    support::KeyHolder holder_;
+    protocol::ArmingChallenge challenge_;
     tools::Simulation sim_;
     std::uint8_t alive_ = 7;
     int idle_cycles_ = 0;
@@ -174,7 +201,7 @@ class Robot {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
     FuzzedDataProvider input(data, size);
-    Robot robot;
+    Robot robot(input.ConsumeBool());
     for (int step = 0; step < kMostSteps && input.remaining_bytes() > 0 && !robot.time_is_over(); ++step)
         robot.act(input);
     return 0;

@@ -2,6 +2,7 @@
 // that know nothing of its tables: what must never happen (`Judge`), and what happens instead (`expected`).
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <cstdio>
 #include <initializer_list>
@@ -52,13 +53,15 @@ struct State {
 };
 State seen(const Supervisor& s) { return {s.mode(), s.phase(), s.requested(), s.fault(), s.blocker()}; }
 
-constexpr int kLimit = 2;  // cycles for arming, and for a ramp
+constexpr int kLimit = 2;                       // cycles for arming, and for a ramp
+constexpr unsigned kReactions = 32, kKey = 32;  // choices: each reaction is a bit, and that there is a key
 
 SupervisorConfig config_of(unsigned choices) {
     SupervisorConfig c;
     c.arming_limit_cycles = c.ramp_limit_cycles = kLimit;
-    c.stops = {(choices & 1U) != 0, (choices & 2U) != 0, (choices & 4U) != 0, (choices & 8U) != 0,
-               (choices & 16U) != 0};
+    c.stops = {(choices & 1U) != 0, (choices & 2U) != 0,  (choices & 4U) != 0,
+               (choices & 8U) != 0, (choices & 16U) != 0, std::popcount(choices) % 2 != 0};
+    c.arming_needs_proof = (choices & kKey) != 0;
     return c;
 }
 
@@ -69,7 +72,8 @@ bool may_brake(const Conditions& c, const StopChoices& may, bool with_setpoint) 
                            c.torque_not_followed || c.drive_enable_failed || c.foreign_control || c.bus_down;
     const bool told_to_coast = ((c.stop_line_active || c.stop_message) && !may.emergency_stop_ramps) ||
                                (c.over_speed && !may.over_speed_ramps) || (c.overrun && !may.overrun_ramps) ||
-                               (c.terminate && !may.terminate_ramps) ||
+                               (c.terminate && !may.terminate_ramps) || c.supply_high ||
+                               ((c.supply_low || c.drive_overheated) && !may.drive_limits_ramp) ||
                                (c.command_stale && with_setpoint && !may.stale_command_ramps);
     return !blind && !disobeyed && !told_to_coast;
 }
@@ -93,6 +97,8 @@ Fault danger(const Conditions& c, Mode mode, Phase phase) {
     if (c.feedback_stale) return Fault::stale_feedback;
     if (c.encoder_implausible) return Fault::encoder_implausible;
     if (c.over_speed) return Fault::over_speed;
+    if (c.supply_low || c.supply_high) return Fault::drive_voltage_out_of_range;
+    if (c.drive_overheated) return Fault::drive_overheated;
     if (c.command_stale && phase == Phase::steady && has_setpoint(mode)) return Fault::stale_command;
     if (c.terminate) return Fault::terminated;
     return Fault::none;
@@ -107,6 +113,7 @@ Blocker in_the_way(const Conditions& c, Mode wanted, const State& s) {
     if (c.terminate) return Blocker::fault_latched;
     if (c.drive_silent) return Blocker::drives_not_armed;
     if (c.drive_error) return Blocker::drive_error;
+    if (c.supply_low || c.supply_high || c.drive_overheated) return Blocker::drive_out_of_limits;
     if (wanted == Mode::ident && c.moving) return Blocker::robot_moving;
     if (has_loops(wanted) && !c.model_known) return Blocker::not_identified;
     if (has_loops(wanted) && !c.velocity_design_accepted) return Blocker::design_refused;
@@ -122,8 +129,14 @@ Blocker keeps_fault(const State& s, const Conditions& c) {
     return c.bus_down || c.stop_message ? Blocker::fault_latched : Blocker::none;
 }
 
+// With a key, who holds it asks for what arms: nothing but idle, and what is under way, is to be had without.
+bool must_prove(const Input& in, const State& s) {
+    const Mode wanted = *in.asked.mode;
+    return driving(wanted) && !driving(s.mode) && !(s.phase == Phase::arming && s.requested == wanted);
+}
+
 // The whole cycle in words.
-State expected(State s, const Input& in, const StopChoices& may) {
+State expected(State s, const Input& in, const StopChoices& may, bool key) {
     const Conditions& c = in.now;
     const auto change = [&s](Mode mode, Phase phase) {
         if (phase != s.phase || phase == Phase::steady) s.age = 0;
@@ -142,6 +155,9 @@ State expected(State s, const Input& in, const StopChoices& may) {
     if (in.asked.mode) {
         const Mode wanted = *in.asked.mode;
         s.blocker = in_the_way(c, wanted, s);
+        if (s.blocker == Blocker::none && key && !in.asked.proven && must_prove(in, s)) {
+            s.blocker = Blocker::not_authenticated;
+        }
         if (s.blocker == Blocker::none) {
             s.requested = wanted;
             if (wanted == Mode::idle) {
@@ -208,6 +224,9 @@ constexpr std::array kConditions{&Conditions::feedback_stale,
                                  &Conditions::torque_not_followed,
                                  &Conditions::drive_enable_failed,
                                  &Conditions::foreign_control,
+                                 &Conditions::supply_low,
+                                 &Conditions::supply_high,
+                                 &Conditions::drive_overheated,
                                  &Conditions::drive_silent,
                                  &Conditions::drives_armed,
                                  &Conditions::path_known,
@@ -335,6 +354,12 @@ class Judge {
         rule(!verdict.begins_braking || (brake && !before.braking()), "begins to brake twice");
         rule(verdict.refused == (in.asked.mode && in_the_way_was(before, in) != Blocker::none),
              "refused or not");
+        // Whatever else is true, and whatever was asked before: what arms has been proven.
+        rule(!config_.arming_needs_proof || !after.armed() || before.armed() || in.asked.proven,
+             "armed without the key");
+        rule(!config_.arming_needs_proof || !driving(after.mode) || after.mode == before.mode ||
+                 driving(before.mode) || after.mode == before.requested || in.asked.proven,
+             "another mode than was proven");
 
         const DriveOrder order = verdict.armed && !before.armed()   ? DriveOrder::arm
                                  : !verdict.armed && before.armed() ? DriveOrder::disarm
@@ -348,12 +373,14 @@ class Judge {
     static long violations;
 
   private:
-    static Blocker in_the_way_was(State s, const Input& in) {
+    Blocker in_the_way_was(State s, const Input& in) const {
         if (in.asked.clear_fault && s.mode == Mode::fault && keeps_fault(s, in.now) == Blocker::none) {
             s.mode = Mode::idle;
         }
         if (s.mode == Mode::boot) s.mode = Mode::idle;
-        return in_the_way(in.now, *in.asked.mode, s);
+        const Blocker blocker = in_the_way(in.now, *in.asked.mode, s);
+        const bool proven = !config_.arming_needs_proof || in.asked.proven || !must_prove(in, s);
+        return blocker == Blocker::none && !proven ? Blocker::not_authenticated : blocker;
     }
 
     // One cause alone brakes if the robot file says so, and else coasts.
@@ -368,6 +395,8 @@ class Judge {
         reacts(c.over_speed, may.over_speed_ramps, "over-speed: reaction");
         reacts(c.overrun, may.overrun_ramps, "overrun: reaction");
         reacts(c.terminate, may.terminate_ramps, "termination: reaction");
+        reacts(c.supply_low || c.drive_overheated, may.drive_limits_ramp, "drives' limits: reaction");
+        reacts(c.supply_high, false, "supply too high: reaction");
         reacts(c.command_stale && has_setpoint(before.mode), may.stale_command_ramps,
                "stale command: reaction");
     }
@@ -400,7 +429,7 @@ std::vector<Node> each_state(const SupervisorConfig& config, Visit visit) {
     std::vector<std::uint32_t> keys{nodes[0].state.key()};
     for (std::size_t i = 0; i < nodes.size(); ++i) {
         const Node node = nodes[i];
-        each_pair([&](const Input& in, int events) {
+        const auto look = [&](const Input& in, int events) {
             Supervisor machine = node.machine;
             const Verdict verdict = machine.step(in.now, in.asked);
             const State after = visit(node, in, machine, verdict, events);
@@ -408,6 +437,11 @@ std::vector<Node> each_state(const SupervisorConfig& config, Visit visit) {
                 keys.push_back(after.key());
                 nodes.push_back({machine, after});
             }
+        };
+        each_pair([&](Input in, int events) {
+            look(in, events);
+            in.asked.proven = true;
+            if (config.arming_needs_proof) look(in, events);
         });
     }
     return nodes;
@@ -421,7 +455,7 @@ bool same(const State& a, const State& b) {
 std::vector<Node> states(unsigned choices) {
     const SupervisorConfig config = config_of(choices);
     return each_state(config, [&](const Node& node, const Input& in, const Supervisor&, const Verdict&, int) {
-        return expected(node.state, in, config.stops);
+        return expected(node.state, in, config.stops, config.arming_needs_proof);
     });
 }
 
@@ -433,14 +467,17 @@ TEST(SupervisorEnumeration, every_state_with_every_pair_of_events) {
     long visits = 0;
     long wrong = 0;
     std::size_t most = 0;
-    for (unsigned choices = 0; choices < 32; ++choices) {
+    // With a key the reactions make no difference to what is asked: none, and all of them.
+    std::vector<unsigned> all{kKey, kKey + kReactions - 1};
+    for (unsigned choices = 0; choices < kReactions; ++choices) all.push_back(choices);
+    for (const unsigned choices : all) {
         const SupervisorConfig config = config_of(choices);
         Judge judge(config);
         const auto nodes =
             each_state(config, [&](const Node& node, const Input& in, const Supervisor& machine,
                                    const Verdict& verdict, int events) {
                 ++visits;
-                const State after = expected(node.state, in, config.stops);
+                const State after = expected(node.state, in, config.stops, config.arming_needs_proof);
                 if (!same(after, seen(machine)) && ++wrong <= 5) {
                     const State got = seen(machine);
                     std::printf("mode %u phase %u fault %u: expected %u %u %u %u %u, is %u %u %u %u %u\n",
@@ -503,7 +540,7 @@ TEST(SupervisorEnumeration, arming_and_ramps_end_whatever_is_asked_for) {
 
 // With the causes gone and the robot at rest: idle by one ClearFault, and from there every mode.
 TEST(SupervisorEnumeration, nothing_is_without_a_way_out) {
-    for (const unsigned choices : {0U, 31U}) {
+    for (const unsigned choices : {0U, 31U, kKey}) {
         for (const Node& node : states(choices)) {
             for (std::size_t m = 0; m < kModeCount; ++m) {
                 const Mode wanted = static_cast<Mode>(m);
@@ -517,7 +554,7 @@ TEST(SupervisorEnumeration, nothing_is_without_a_way_out) {
                 cycle({true, {}});
                 CHECK(machine.mode() == Mode::idle);
                 CHECK_FALSE(machine.wants_armed());
-                cycle({false, wanted});
+                cycle({false, wanted, true});
                 cycle({});
                 CHECK(machine.mode() == wanted);
                 CHECK(machine.may_drive());

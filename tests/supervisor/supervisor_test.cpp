@@ -248,3 +248,56 @@ TEST(SupervisorFaults, a_configured_ramp_brakes_and_then_coasts) {
         CHECK(s.mode() == Mode::fault);
     }
 }
+
+// A stop goes to drives that are believed idle too; nothing else does.
+TEST(SupervisorFaults, a_stop_disarms_whatever_the_state_and_only_a_stop) {
+    Supervisor s({});
+    for (int i = 0; i < 3; ++i) CHECK(s.step(healthy()).order == DriveOrder::none);
+    Conditions c = healthy();
+    c.stop_message = true;
+    CHECK(s.step(c).order == DriveOrder::disarm);
+    CHECK(s.mode() == Mode::fault);
+    c.stop_message = false;
+    CHECK(s.step(c).order == DriveOrder::none);
+    for (const auto what : {&Conditions::stop_message, &Conditions::foreign_control}) {
+        Conditions again = healthy();
+        again.*what = true;
+        CHECK(s.step(again).order == DriveOrder::disarm);
+        CHECK(s.step(again).order == DriveOrder::disarm);
+        CHECK(s.step(healthy()).order == DriveOrder::none);
+    }
+}
+
+TEST(SupervisorFaults, clearing_in_idle_clears_the_drives_errors_and_nothing_else) {
+    Supervisor s({});
+    s.step(healthy());
+    CHECK_FALSE(s.step(healthy(), {true, {}}).clear_drive_errors);
+    Conditions c = healthy();
+    c.drive_error = true;
+    CHECK(s.step(c, {true, {}}).clear_drive_errors);
+    CHECK(s.mode() == Mode::idle);
+    CHECK_FALSE(s.step(c).clear_drive_errors);
+}
+
+TEST(SupervisorFaults, a_new_limit_of_the_ramp_is_in_force_at_once) {
+    Supervisor s = driving(Mode::velocity);
+    s.step(in_motion(), {false, Mode::idle});
+    s.step(in_motion());
+    CHECK(s.ramping());
+    s.set_ramp_limit(5);
+    for (int i = 0; i < 4; ++i) s.step(in_motion());
+    CHECK_FALSE(s.ramping());
+    CHECK(s.mode() == Mode::idle);
+}
+
+TEST(SupervisorEntry, a_mode_that_does_not_exist_is_refused) {
+    for (const unsigned number : {unsigned(kModeCount), unsigned(kModeCount) + 1, 255U}) {
+        Supervisor s({});
+        CHECK(s.step(healthy(), {false, static_cast<Mode>(number)}).refused);
+        CHECK(s.blocker() == Blocker::unknown_mode);
+    }
+}
+
+TEST(SupervisorEntry, one_mode_learns_while_it_drives) {
+    for (const ModeRule& rule : kModes) CHECK_EQUAL(rule.mode == Mode::adaptive, rule.learns);
+}

@@ -12,7 +12,7 @@ import rig
 from rig import crc8, number_of
 
 CAUSES = ["RejectedLength", "RejectedCrc", "RejectedAlive", "RejectedNotFinite", "RejectedRange",
-          "RejectedUnknownMode", "RejectedModeNotAllowed", "RejectedUnpaired", "UnknownParameter"]
+          "RejectedUnknownMode", "RejectedModeNotAllowed", "RejectedUnpaired", "UnknownParameter", "RejectedAnswer"]
 
 
 def counters(robot, since):
@@ -127,14 +127,14 @@ class Commands(unittest.TestCase):
         # Nobody's: a remote frame, an extended identifier, a foreign one. Not ours to count.
         self.rig.host.cansend(number_of("ModeCommand"), "R")
         subprocess.run(["cansend", "vcan0", f"00000601#{mode(9, 1).hex()}"], check=True)
-        self.rig.host.cansend(0x60D, bytes(8))
+        self.rig.host.cansend(0x61F, bytes(8))
 
         after = counters(self.rig, time.time())
         counted = {cause: after[cause] - before[cause] for cause in CAUSES}
         print("refused:", {cause: int(count) for cause, count in counted.items()})
         self.assertEqual(counted, {"RejectedLength": 6, "RejectedCrc": 5, "RejectedAlive": 3, "RejectedNotFinite": 4,
                                    "RejectedRange": 7, "RejectedUnknownMode": 4, "RejectedModeNotAllowed": 2,
-                                   "RejectedUnpaired": 1, "UnknownParameter": 1})
+                                   "RejectedUnpaired": 1, "UnknownParameter": 1, "RejectedAnswer": 0})
         states = {(s["State"], s["Requested"], s["Fault"]) for s in
                   (rig.DBC.decode(number_of("Status"), data) for _, data in self.rig.host.of("Status", began))}
         self.assertEqual(states, {("torque", "torque", "none")})
@@ -253,6 +253,69 @@ class HostBus(unittest.TestCase):
         self.assertEqual((ours, theirs), ([], []))
         self.assertTrue(robot.host.of("Status", began))
         self.assertEqual(robot.stop_daemon(), 0)
+
+
+class Key(unittest.TestCase):
+    def test_a_robot_with_a_key_is_armed_by_who_holds_it_and_by_no_recording(self):
+        robot = rig.Rig(filters=[*rig.USUAL, f"{number_of('ArmingChallenge'):03X}:7FF"])
+        self.addCleanup(robot.end)
+        ours, other = robot.file("robot.key"), robot.file("other.key")
+        for path in (ours, other):
+            subprocess.run([rig.wheelwright(), "key", "generate", path, "--robot", "cart"], check=True, capture_output=True)
+        robot.start_robot()
+        robot.start_daemon("--key", ours)
+
+        def ctl(*words):
+            done = subprocess.run([rig.wheelwright(), "ctl", "--can", "vcan0", *words], capture_output=True, text=True,
+                                  timeout=120, check=False)
+            return done.returncode, done.stdout + done.stderr
+
+        robot.send("ModeCommand", Mode="torque")
+        robot.until_status(lambda s: s["Blocker"] == "not_authenticated", "the refusal is named")
+        robot.until(lambda: robot.host.of("ArmingChallenge"), "a challenge")
+        status, said = ctl("mode", "torque")
+        self.assertEqual(status, 3)
+        self.assertIn("not_authenticated, the robot is armed with its key only: wheelwright ctl --key FILE", said)
+        status, said = ctl("--key", other, "mode", "torque")
+        self.assertEqual(status, 3)
+        self.assertIn("the answer was refused: is this key the robot's?", said)
+        self.assertEqual({s["State"] for s in (rig.DBC.decode(number_of("Status"), data)
+                                               for _, data in robot.host.of("Status"))} - {"boot"}, {"idle"})
+        self.assertEqual(ctl("--key", ours, "mode", "torque"), (0, "state torque\n"))
+        recorded = bytearray(robot.host.of("ArmingAnswer")[-1][1])
+        robot.mode("idle")  # needs no key
+
+        # What armed it, once more, sealed anew, where a new challenge waits for its answer.
+        asked = time.time()
+        robot.send("ModeCommand", Mode="torque")
+        robot.until(lambda: robot.host.of("ArmingChallenge", asked), "another challenge")
+        before = counters(robot, asked)["RejectedAnswer"]
+        recorded[1] = recorded[1] & 0xF0 | ((recorded[1] & 15) + 1) % 15
+        recorded[0] = crc8(recorded[1:])
+        robot.host.cansend(number_of("ArmingAnswer"), recorded)
+        robot.until(lambda: counters(robot, time.time())["RejectedAnswer"] > before, "the recording is refused")
+        self.assertEqual((robot.status()["State"], robot.status()["DriveLeft"]), ("idle", "idle"))
+
+        # Set-points with --enter; a stop by one frame.
+        driving = robot.popen([rig.wheelwright(), "ctl", "--can", "vcan0", "--key", ours, "velocity", "0.2", "0", "--enter"],
+                              "ctl.txt")
+        robot.until(lambda: robot.truth()[4] > 0.15, "the robot drives")
+        robot.send("EmergencyStop")
+        robot.until_fault("emergency_stop_message")
+        self.assertEqual(driving.wait(rig.LONG), 3)
+        robot.clear_fault()
+        self.assertEqual(robot.stop_daemon(), 0)
+        with open(ours, encoding="ascii") as file:
+            secret = re.search(r"^key (\w{32})$", file.read(), re.M)[1]
+        said = robot.said(robot.daemon)
+        self.assertIn("wheelwrightd: arming needs the key of cart (", said)
+        self.assertNotIn(secret, said)
+
+        os.chmod(ours, 0o640)
+        done = subprocess.run([rig.wheelwrightd(), "--config", robot.robot_file, "--can", "vcan0", "--key", ours],
+                              capture_output=True, text=True, timeout=30, check=False)
+        self.assertEqual((done.returncode, done.stderr), (1, f"wheelwrightd: {ours}: others may use this key: found mode "
+                                                             "0640, expected 0600 (chmod 600)\n"))
 
 
 if __name__ == "__main__":

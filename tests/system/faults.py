@@ -1,12 +1,16 @@
 """Each fault on a real bus, what it does to the drives, how it is named and cleared; the ends of the program."""
+import contextlib
+import ctypes
 import os
+import re
 import signal
+import socket
 import subprocess
 import time
 import unittest
 
 import rig
-from rig import (ESTOP, HEARTBEAT, NODES, SET_AXIS_STATE, WATCHDOG_EXPIRED,
+from rig import (ESTOP, HEARTBEAT, LONG, NODES, SET_AXIS_STATE, WATCHDOG_EXPIRED,
                  drive_id, limit, number_of)
 
 # s: the contract is no torque later than two cycles after the verdict, and the cycle that judges may have just begun.
@@ -207,6 +211,62 @@ class Faults(Case):
         self.rig.mode("idle")
 
 
+class Hang(Case):
+    """The cycle's thread stands still, and the drives' watchdogs are slow: the firmware's own watcher must do it."""
+
+    PTRACE_SEIZE, PTRACE_INTERRUPT, WALL = 0x4206, 0x4207, 0x40000000
+
+    @classmethod
+    def setUpClass(cls):
+        cls.rig = rig.Rig()
+        cls.addClassCleanup(cls.rig.end)
+        cls.rig.start_robot(drive__watchdog_timeout_s=2.0)
+
+    def hang(self, pid):
+        """Stops this one thread, as no signal can: the first one, which runs the cycles."""
+        ptrace = ctypes.CDLL(None, use_errno=True).ptrace
+        for request in (self.PTRACE_SEIZE, self.PTRACE_INTERRUPT):
+            self.assertEqual(ptrace(request, pid, None, None), 0, os.strerror(ctypes.get_errno()))
+        os.waitpid(pid, self.WALL)
+
+    def test_a_cycle_that_hangs_is_seen_from_beside_it_and_the_service_manager_hears_no_more(self):
+        manager = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self.addCleanup(manager.close)
+        manager.bind(self.rig.file("notify"))
+        manager.setblocking(False)
+        os.environ.update(NOTIFY_SOCKET=self.rig.file("notify"), WATCHDOG_USEC="400000")
+        self.addCleanup(lambda: [os.environ.pop(name) for name in ("NOTIFY_SOCKET", "WATCHDOG_USEC")])
+        def heard():
+            words = []
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    words.append(manager.recv(64))
+            return words
+        self.rig.start_daemon(drive__watchdog_timeout_s=2.0)
+        stream = self.rig.stream("VelocityCommand", 0.02, ForwardSpeed=0.5)
+        self.addCleanup(self.rig.end_stream, stream)
+        self.rig.mode("velocity")
+        self.rig.until(lambda: self.rig.truth()[4] > 0.45, "the robot drives")
+        words = heard()
+        self.assertEqual(words[0], b"READY=1")
+        self.assertEqual(set(words[1:]), {b"WATCHDOG=1"})
+        self.rig.watch_torques()
+        began = time.time()
+        self.hang(self.rig.daemon.pid)
+        self.assertEqual(self.rig.daemon.wait(LONG), 3)
+        ended = time.time()
+        idle = max(self.rig.until(lambda side=side: self.rig.told_idle(side, began), "told idle")[0] for side in NODES)
+        print(f"a hanging cycle: both drives told idle {1e3 * (idle - began):.0f} ms after it, ended after "
+              f"{1e3 * (ended - began):.0f} ms")
+        self.assertLess(idle - began, 0.15)
+        self.rig.until(lambda: all(self.rig.heartbeat(side)[1:] == (0, 1) for side in NODES),
+                       "both drives report idle: not by their watchdogs")
+        self.assertIn("the cycle hangs", self.rig.said(self.rig.daemon))
+        self.assertLessEqual(len(heard()), 2)
+        self.rig.until(self.rig.at_rest, "the robot stands")
+        self.rig.start_daemon()  # as the service manager would
+
+
 class Limits(Case):
     """Limits that are reached by other means than commands; some get in each other's way, so that a case changes one."""
 
@@ -344,6 +404,49 @@ class Limits(Case):
                               if data[0] == 8], [])
         self.assertEqual(list(self.rig.torques(began).values()), [[], []])
         self.rig.clear_fault()
+
+
+class BlackBox(Case):
+    def test_a_stop_leaves_a_file_that_replays(self):
+        self.rig = rig.Rig()
+        self.addCleanup(self.rig.end)
+        self.rig.start_robot()
+        folder = self.rig.file("boxes")
+        self.rig.start_daemon("--black-box", folder)
+        stream = self.rig.stream("VelocityCommand", 0.02, **TURN)
+        self.addCleanup(self.rig.end_stream, stream)
+        self.rig.mode("velocity")
+        self.rig.until(lambda: abs(self.rig.truth()[5]) > 1.0, "the robot turns")
+        self.rig.send("EmergencyStop")
+        self.rig.until_fault("emergency_stop_message")
+        name = "black-box-000001-emergency_stop_message.log"
+        self.rig.until(lambda: os.listdir(folder) == [name], "the black box is written")
+        path = os.path.join(folder, name)
+
+        def replay(file):
+            done = subprocess.run([rig.wheelwright(), "replay", file], capture_output=True, text=True, check=False)
+            return done.returncode, done.stdout + done.stderr
+        status, said = replay(path)
+        print(said)
+        self.assertEqual(status, 0, said)
+        with open(path, encoding="ascii") as file:
+            lines = file.read().splitlines(keepends=True)
+        sent = [i for i, line in enumerate(lines) if re.search(r" 02E#\w{16} T ", line)][-1]
+        cycle = re.search(r" T (\d+)\.", lines[sent])[1]
+        lines[sent] = re.sub("02E#.", lambda m: "02E#" + ("1" if m[0][-1] == "0" else "0"), lines[sent])
+        changed = self.rig.file("changed.log")
+        with open(changed, "w", encoding="ascii") as file:
+            file.writelines(lines)
+        status, said = replay(changed)
+        self.assertEqual(status, 3, said)
+        self.assertIn(f"DIFFERS in cycle {cycle} ", said)
+        self.assertIn("CHANGED", said)
+        # can-utils read it.
+        frames = sum(line.startswith("(") for line in lines)
+        ascii_log = subprocess.run(["log2asc", "-I", path, self.rig.interface], capture_output=True, text=True, check=True)
+        self.assertEqual(sum(bool(re.match(r" +\d+\.\d+ 1 ", line)) for line in ascii_log.stdout.splitlines()), frames)
+        self.assertEqual(self.rig.stop_daemon(), 0)
+        subprocess.run(["canplayer", "-t", "-I", path, f"vcan1={self.rig.interface}"], check=True)
 
 
 class Arming(Case):

@@ -118,7 +118,7 @@ TEST(RobotFile, EmptyFileGivesTheDefaultsAndSaysWhatIsAssumed) {
     for (const model::ParameterInfo& info : model::parameter_table()) {
         DOUBLES_EQUAL(info.get(standard), info.get(result.robot->parameters), 0);
     }
-    LONGS_EQUAL(5, result.notes.size());
+    LONGS_EQUAL(7, result.notes.size());
     CHECK(has(result.notes.front().message, "not given"));
     LONGS_EQUAL(0, result.robot->given.size());
 }

@@ -224,3 +224,204 @@ TEST(CycleSteps, a_set_point_is_late_after_so_many_of_its_own_cycle_times) {
     CHECK_FALSE(host.velocity.received);
     CHECK(host.goal.received);
 }
+
+TEST(CycleSteps, observe_tells_what_it_was_told_and_fuses_a_pose_from_outside) {
+    model::RobotParameters parameters = model::default_parameters();
+    parameters.adaptation.slip_yaw_rate_rad_per_s = 0.5;
+    const auto plant = control::plant_model<double>(parameters);
+    Senses senses;
+    senses.configure(parameters);
+    drivers::DriveFeedback left, right;
+    Observed seen;
+    // The wheels stand; the world says that the robot is elsewhere, and later that it turns.
+    const auto cycle = [&](int i, const Pose<double>* pose) {
+        left.encoder_time_ns = right.encoder_time_ns = kCycle_ns * i;
+        seen = senses.observe({kCycle_ns * i, kCyclePeriod_s, true, left, right, pose, {0.5, -0.25}}, plant);
+        senses.torque_sent({0.5, -0.25});
+    };
+    const Pose<double> there{1, 0, 0.125};
+    for (int i = 1; i < 2000; ++i) cycle(i, i % 50 == 0 ? &there : nullptr);
+    LONGS_EQUAL(1999 * kCycle_ns, seen.now_ns);
+    DOUBLES_EQUAL(kCyclePeriod_s, seen.elapsed_s, 0);
+    DOUBLES_EQUAL(0.5, seen.last_torque_Nm.left, 0);
+    DOUBLES_EQUAL(-0.25, seen.last_torque_Nm.right, 0);
+    DOUBLES_EQUAL(-0.25, seen.sample.last_torque_Nm.right, 0);
+    DOUBLES_EQUAL(1, seen.pose.x_m, 0.05);
+    DOUBLES_EQUAL(seen.pose.heading_rad, seen.sample.heading_rad, 0);
+    DOUBLES_EQUAL(seen.pose.heading_rad, seen.motion.heading_rad, 0);
+    CHECK(std::abs(seen.sample.heading_rad) > 0.05);
+    CHECK(seen.external_pose == nullptr);
+    CHECK(seen.sample.usable);
+    CHECK_FALSE(seen.slipping);
+    for (int i = 2000; i < 3001; ++i) {  // 0.4 rad/s: less than the limit
+        const Pose<double> turning{1, 0, 0.125 + 4e-4 * (i - 2000)};
+        cycle(i, i % 50 == 0 ? &turning : nullptr);
+        CHECK_FALSE(seen.slipping);
+    }
+    for (int i = 3001; i < 4001; ++i) {
+        const Pose<double> turning{1, 0, 0.525 + 1e-3 * (i - 3000)};  // 1 rad/s
+        cycle(i, i % 50 == 0 ? &turning : nullptr);
+        if (i % 50 == 0) CHECK(seen.external_pose == &turning);
+    }
+    CHECK(seen.slipping);
+    CHECK_FALSE(seen.sample.usable);
+}
+
+TEST(CycleSteps, judge_adds_up_who_else_commands_the_drives) {
+    Scene scene;
+    Evidence evidence{scene.seen, scene.left, scene.right, scene.parameters.geometry.wheel_radius_m,
+                      true,       false,      0,           scene.told};
+    Judge judge(scene.parameters);
+    CHECK_FALSE(judge.judge(evidence).foreign_control);
+    scene.left.foreign_control = 1;
+    CHECK(judge.judge(evidence).foreign_control);
+    scene.right.foreign_control = 2;
+    CHECK(judge.judge(evidence).foreign_control);
+    evidence.strangers = 4;
+    CHECK(judge.judge(evidence).foreign_control);
+    CHECK_FALSE(judge.judge(evidence).foreign_control);
+    LONGS_EQUAL(7, judge.foreign_control());
+}
+
+TEST(CycleSteps, judge_passes_on_why_a_drive_does_not_follow_or_arm) {
+    for (DriveSight Scene::*side : {&Scene::left, &Scene::right}) {
+        Scene scene;
+        (scene.*side).fault = drivers::DriveFault::torque_not_followed;
+        (scene.*side).state = drivers::DriveState::fault;
+        CHECK(scene.judge().torque_not_followed);
+        CHECK_FALSE(scene.judge().drive_error);
+        scene.wants_armed = false;
+        CHECK_FALSE(scene.judge().torque_not_followed);  // the drives shall not give any
+        scene.wants_armed = true;
+        scene.*side = {drivers::DriveState::idle, {}, drivers::ArmRefusal::none, 0, 0};
+        CHECK_FALSE(scene.judge().torque_not_followed);
+        CHECK(scene.judge().watchdog_confirmed);
+        CHECK(scene.judge().control_mode_confirmed);
+        (scene.*side).refusal = drivers::ArmRefusal::watchdog_not_confirmed;
+        CHECK_FALSE(scene.judge().watchdog_confirmed);
+        CHECK(scene.judge().control_mode_confirmed);
+        (scene.*side).refusal = drivers::ArmRefusal::mode_not_confirmed;
+        CHECK(scene.judge().watchdog_confirmed);
+        CHECK_FALSE(scene.judge().control_mode_confirmed);
+    }
+}
+
+TEST(CycleSteps, judge_allows_just_the_limits_of_speed_and_yaw_rate_either_way) {
+    for (const double way : {1.0, -1.0}) {
+        Scene scene;
+        const auto& safety = scene.parameters.safety;
+        scene.seen.motion.twist = {way * safety.over_speed_m_per_s, way * safety.over_yaw_rate_rad_per_s};
+        CHECK_FALSE(scene.judge().over_speed);
+        scene.seen.motion.twist = {1.001 * way * safety.over_speed_m_per_s, 0};
+        CHECK(scene.judge().over_speed);
+        scene.seen.motion.twist = {0, 1.001 * way * safety.over_yaw_rate_rad_per_s};
+        CHECK(scene.judge().over_speed);
+    }
+}
+
+TEST(CycleSteps, judge_calls_moving_what_goes_on_and_not_what_trembles) {
+    for (double WheelPair<double>::*side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+        for (const double way : {1.0, -1.0}) {
+            Scene scene;
+            const double limit_rad_per_s = scene.parameters.safety.clear_speed_m_per_s /
+                                           (scene.parameters.geometry.wheel_radius_m.*side);
+            double& speed = scene.seen.motion.wheel_speed_rad_per_s.*side;
+            const auto moving_after = [&](int cycles) {
+                Conditions c;
+                for (int i = 0; i < cycles; ++i) c = scene.judge();
+                return c.moving;
+            };
+            for (int i = 0; i < 1000; ++i) {  // without a mean
+                speed = (i % 2 == 0 ? 5 : -5) * limit_rad_per_s;
+                CHECK_FALSE(scene.judge().moving);
+            }
+            speed = 0.9 * way * limit_rad_per_s;
+            CHECK_FALSE(moving_after(1000));
+            speed = 1.5 * way * limit_rad_per_s;
+            CHECK(moving_after(100));
+            speed = 0;
+            CHECK(moving_after(10));  // 0.82 of it is left
+            CHECK_FALSE(moving_after(90));
+            speed = 1e6 * way;  // one wild value is not remembered for ever: known within a tenth of a second
+            CHECK_FALSE(moving_after(1) && scene.seen.now_ns == 0);
+            speed = 0;
+            CHECK_FALSE(moving_after(100));
+            speed = kNaN;
+            CHECK(moving_after(1));
+            speed = 0;
+            CHECK_FALSE(moving_after(1));  // as soon as the speed is a number again
+        }
+    }
+}
+
+TEST(CycleSteps, judge_says_that_a_robot_stands_at_a_tenth_of_the_speed_for_clearing) {
+    for (double WheelPair<double>::*side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+        for (const double share : {0.09, -0.09, 0.11, -0.11}) {
+            Scene scene;
+            scene.braking = true;
+            const double radius_m = scene.parameters.geometry.wheel_radius_m.*side;
+            scene.seen.motion.wheel_speed_rad_per_s.*side =
+                share * scene.parameters.safety.clear_speed_m_per_s / radius_m;
+            Conditions c;
+            for (int i = 0; i < 30; ++i) c = scene.judge();
+            CHECK_EQUAL(std::abs(share) > 0.1, c.rolling);
+        }
+    }
+}
+
+TEST(CycleSteps, judge_trusts_a_model_with_small_known_errors_of_all_that_is_in_it) {
+    const auto trusted = [](double k7_error, double k8_error, auto change) {
+        Scene scene;
+        auto& p = scene.parameters;
+        p.adaptation.trust_relative_error = 0.1;
+        p.dynamics.k7_per_kg_m = 4;
+        p.dynamics.k8_per_kg_m2 = 16;
+        p.dynamics_standard_error.k7_per_kg_m = k7_error;
+        p.dynamics_standard_error.k8_per_kg_m2 = k8_error;
+        change(p);
+        scene.judge_.configure();
+        return scene.judge().model_trusted;
+    };
+    const auto as_is = [](model::RobotParameters&) {};
+    CHECK(trusted(0.3, 1.5, as_is));
+    CHECK(trusted(0.001, 0.001, as_is));
+    CHECK(trusted(0.4, 1.6, as_is));      // just the limit
+    CHECK_FALSE(trusted(0, 1.5, as_is));  // unknown
+    CHECK_FALSE(trusted(0.3, 0, as_is));
+    CHECK_FALSE(trusted(-0.3, 1.5, as_is));
+    CHECK_FALSE(trusted(0.3, -1.5, as_is));
+    CHECK_FALSE(trusted(0.5, 1.5, as_is));
+    CHECK_FALSE(trusted(0.3, 1.7, as_is));
+    // Amounts must all be measured, or stand without an error; a phase may be 0 where the rest is known.
+    for (std::size_t effect = 0; effect < model::kEffectCount; ++effect) {
+        const std::size_t count = model::kEffects[effect].parameters.size();
+        const auto with = [&](std::size_t known, double value, double error) {
+            return trusted(0.3, 1.5, [&](model::RobotParameters& p) {
+                p.effects.active[effect] = true;
+                for (std::size_t j = 0; j < count; ++j) {
+                    p.effects.parameter[effect][j] = j < known ? value : 0;
+                    p.effects_standard_error.parameter[effect][j] = j < known ? error : 0;
+                }
+            });
+        };
+        CHECK_FALSE(with(0, 0, 0));
+        CHECK(with(count, 2, 0));
+        CHECK(with(count, 0, 2));
+        if (count > 1) CHECK_EQUAL(!model::kLinearInParameters[effect], with(count - 1, 2, 1));
+    }
+}
+
+TEST(CycleSteps, a_host_is_gone_after_its_limit_unless_there_is_none) {
+    HostLink host;
+    CHECK(host_gone(host, kCycle_ns, 0.5));  // never heard
+    CHECK_FALSE(host_gone(host, kCycle_ns, 0));
+    hal::ReceivedFrame sign;
+    sign.frame.id = protocol::HostAlive::id;
+    sign.frame.length = protocol::HostAlive::length;
+    sign.timestamp_ns = 1'000 * kCycle_ns;
+    CHECK(protocol::encode_sealed(protocol::HostAlive{}, 1, sign.frame.data) == protocol::CodecStatus::ok);
+    CHECK(host.accept(sign));
+    CHECK_FALSE(host_gone(host, 1'400 * kCycle_ns, 0.5));
+    CHECK(host_gone(host, 1'600 * kCycle_ns, 0.5));
+    CHECK_FALSE(host_gone(host, 1'600 * kCycle_ns, 0));
+}

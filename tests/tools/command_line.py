@@ -8,10 +8,12 @@ import json
 import math
 import os
 import re
+import shutil
 import struct
 import subprocess
 import sys
 import tempfile
+import tomllib
 import unittest
 
 import canmatrix.formats
@@ -295,6 +297,43 @@ class Check(unittest.TestCase):
             page = file.read()
         self.assertEqual(page[page.index("## Parameters"):], out,
                          f"bring docs/robot-file.md up to date: {sys.executable} {sys.argv[0]} {PROGRAM} {SOURCE} --write-page")
+
+
+class Key(unittest.TestCase):
+    def test_a_key_is_made_checked_and_installed_and_never_printed(self):
+        with tempfile.TemporaryDirectory() as folder:
+            key, robot = os.path.join(folder, "robot.key"), os.path.join(folder, "robot.toml")
+            shutil.copy(os.path.join(ROBOTS, "default.toml"), robot)
+            said = ""
+
+            def tried(expected, *words):
+                nonlocal said
+                status, out, err = run("key", *words)
+                self.assertEqual(status, expected, (words, out, err))
+                said += out + err
+                return out + err
+
+            tried(0, "generate", key, "--robot", "cart 7")
+            self.assertEqual(os.stat(key).st_mode & 0o7777, 0o600)
+            self.assertIn("File exists", tried(1, "generate", key))
+            self.assertIn("good, for robot cart 7", tried(0, "check", key))
+            self.assertIn("arming.key_file names it", tried(0, "install", key, "--config", robot))
+            with open(robot, "rb") as file:
+                self.assertEqual(tomllib.load(file)["arming"]["key_file"], key)
+            self.assertEqual(run("check", robot)[0], 0)
+            os.chmod(key, 0o644)
+            for words in (("check", key), ("install", key, "--config", robot)):
+                self.assertIn(f"{key}: others may use this key: found mode 0644, expected 0600", tried(1, *words))
+            self.assertIn("0644", run("ctl", "--key", key, "mode", "torque")[2])
+            os.chmod(key, 0o600)
+            tried(0, "generate", key + "2")
+            with open(key, encoding="ascii") as one, open(key + "2", encoding="ascii") as other:
+                secrets = [re.search(r"^key ([0-9a-f]{32})$", file.read(), re.M)[1] for file in (one, other)]
+            self.assertNotEqual(*secrets)
+            for secret in secrets:
+                self.assertNotIn(secret, said)
+            self.assertIn("expected a name", tried(1, "generate", key + "3", "--robot", ""))
+            self.assertEqual(run("ctl", "--key", key, "mode", "torque", "--print")[0], 1)
 
 
 class Monitor(unittest.TestCase):

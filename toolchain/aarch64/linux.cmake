@@ -1,5 +1,5 @@
 # 64-bit Arm Linux, statically linked: one file to copy to the board, whatever its distribution. Packages:
-# g++-aarch64-linux-gnu, and for libgpiod what toolchain/aarch64/fetch unpacks into build/arm64 (about 70 MB).
+# g++-aarch64-linux-gnu, and for libgpiod and mbedTLS what toolchain/aarch64/fetch unpacks into build/arm64 (about 70 MB).
 set(CMAKE_SYSTEM_NAME Linux)
 set(CMAKE_SYSTEM_PROCESSOR aarch64)
 set(CMAKE_C_COMPILER aarch64-linux-gnu-gcc)
@@ -19,7 +19,7 @@ foreach(name eigen3 toml++ CLI nlohmann)
         file(CREATE_LINK /usr/include/${name} ${shared}/${name} SYMBOLIC)
     endif()
 endforeach()
-foreach(name gpiod.h gpiod.hpp)
+foreach(name gpiod.h gpiod.hpp mbedtls)
     if(NOT EXISTS ${shared}/${name})
         file(CREATE_LINK ${WHEELWRIGHT_ARM64}/root/usr/include/${name} ${shared}/${name} SYMBOLIC)
     endif()

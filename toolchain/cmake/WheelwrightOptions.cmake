@@ -1,7 +1,7 @@
 # Compiler flags for every target of the project. `wheelwright_options` carries warnings and the sanitizers;
 # `wheelwright_core_options` adds what the portable core must live without.
 add_library(wheelwright_options INTERFACE)
-if(NOT WHEELWRIGHT_FUZZ)  # gcc is the judge of warnings; clang's -Wconversion means more
+if(CMAKE_CXX_COMPILER_ID STREQUAL GNU)  # the judge of warnings; clang's -Wconversion means more
     target_compile_options(wheelwright_options INTERFACE
         -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Werror)
 endif()

@@ -32,6 +32,7 @@ std::span<const AddCommand> commands();
 
 void add_check(const CommandLine& program, Run& run);
 void add_ctl(const CommandLine& program, Run& run);
+void add_key(const CommandLine& program, Run& run);
 void add_demo(const CommandLine& program, Run& run);
 void add_excite(const CommandLine& program, Run& run);
 void add_free_run(const CommandLine& program, Run& run);
@@ -43,6 +44,7 @@ void add_ident(const CommandLine& program, Run& run);
 void add_monitor(const CommandLine& program, Run& run);
 void add_record(const CommandLine& program, Run& run);
 void add_paper(const CommandLine& program, Run& run);
+void add_replay(const CommandLine& program, Run& run);
 void add_robots(const CommandLine& program, Run& run);
 void add_sim(const CommandLine& program, Run& run);
 void add_torture(const CommandLine& program, Run& run);

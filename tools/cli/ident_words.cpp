@@ -127,6 +127,8 @@ std::string blocker_text(protocol::Blocker blocker) {
     std::string text(to_string_view(blocker));
     if (blocker == protocol::Blocker::not_identified)
         text += ", identify the robot first: wheelwright ctl mode ident";
+    if (blocker == protocol::Blocker::not_authenticated)
+        text += ", the robot is armed with its key only: wheelwright ctl --key FILE";
     return text;
 }
 

@@ -131,6 +131,10 @@ std::string advice(const protocol::Status& status, const DriveErrors& errors) {
         return (reported.empty() ? "a drive reports an error" : reported) +
                "; remove the cause, then `wheelwright ctl clear`";
     }
+    if (status.blocker == protocol::Blocker::drive_out_of_limits) {
+        return "a drive reports a supply or a temperature beyond its limit ([safety] of the robot file): "
+               "`wheelwright monitor` shows which";
+    }
     const bool silent = status.drive_left == DriveState::silent || status.drive_right == DriveState::silent;
     if (status.fault == protocol::Fault::arming_refused && !silent) {
         return "a drive is heard and does not arm: check its errors, and drive.generation in the robot file";

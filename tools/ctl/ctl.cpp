@@ -60,6 +60,9 @@ std::vector<protocol::Mode> modes() {
 }
 
 int print_frames(const Options& options, const std::vector<Command>& commands) {
+    if (!options.key.empty()) {
+        return complain(kUsage, "--key with --print: the answer depends on the robot's challenge");
+    }
     for (const Command& command : commands) {
         hal::CanFrame frame;
         const auto alive = static_cast<std::uint8_t>(std::max(options.alive, 0));
@@ -74,7 +77,7 @@ int print_frames(const Options& options, const std::vector<Command>& commands) {
 // Waits until the state is `wanted`. Arming the drives takes a while; a refusal is final.
 int await_state(Link& link, protocol::Mode wanted) {
     std::int64_t deadline_ns = can_now_ns() + kSecond_ns;
-    const std::int64_t last_ns = can_now_ns() + kLongestArming_ns;
+    const std::int64_t last_ns = can_now_ns() + link.longest_arming_ns();
     const std::int64_t settled_ns = can_now_ns() + kSecond_ns / 4;
     std::optional<protocol::Status> last;
     while (const auto status = link.wait_for<protocol::Status>(deadline_ns)) {
@@ -83,9 +86,7 @@ int await_state(Link& link, protocol::Mode wanted) {
             std::printf("%s\n", link.text_of(*status).c_str());
             return kDone;
         }
-        const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
-                            status->blocker == protocol::Blocker::none;
-        if (can_now_ns() > settled_ns && !arming) break;
+        if (can_now_ns() > settled_ns && !link.may_still_arm(*status)) break;
         if (can_now_ns() > last_ns) break;
         deadline_ns = std::min(can_now_ns() + kSecond_ns, last_ns);
     }
@@ -157,19 +158,19 @@ int watch_over(Link& link, protocol::Mode mode, std::int64_t end_ns) {
     } while (!interrupted() && can_now_ns() < end_ns);
     const int result = watch.result(link);
     if (watch.in_fault()) return result;
-    const int status = link.send(mode_command(protocol::Mode::idle));
+    const int status = link.ask(protocol::Mode::idle);
     const int rested = status == kDone ? await_rest(link) : status;
     return result == kDone ? rested : result;
 }
 
 int send_mode(const Options& options, protocol::Mode mode) {
-    const Command command = mode_command(mode);
-    if (options.print) return print_frames(options, {command});
+    if (options.print) return print_frames(options, {mode_command(mode)});
     catch_interrupt();
     Link link(options);
     if (const int status = link.open(); status != kDone) return status;
     link.forget_received();
-    if (const int status = link.send(command); status != kDone) return status;
+    if (const int status = link.ask(mode); status != kDone) return status;
+    if (options.no_wait) link.prove();
     if (drives_alone(mode)) link.stay_alive();
     int result = options.no_wait ? kDone : await_state(link, mode);
     if (!options.no_wait && drives_alone(mode) && (result == kDone || interrupted())) {
@@ -221,7 +222,8 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
         }
         if (enter && !watch.has_value()) {
             link.forget_received();
-            if (const int status = link.send(mode_command(*mode)); status != kDone) return status;
+            if (const int status = link.ask(*mode); status != kDone) return status;
+            if (options.no_wait) link.prove();
             watch.emplace(*mode, can_now_ns());
             if (alone) link.stay_alive();
         }
@@ -242,7 +244,7 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
     }
     // In a fault it would be refused, and hide what was refused before.
     if (enter && repeat && !watch->in_fault()) {
-        int status = link.send(mode_command(protocol::Mode::idle));
+        int status = link.ask(protocol::Mode::idle);
         if (status == kDone && !options.no_wait) status = await_rest(link);
         if (result == kDone) result = status;
     }
@@ -578,6 +580,7 @@ void add_ctl(const CommandLine& program, Run& run) {
         "numbers as -0.5, not -.5.\n"
         "Exit status 3: sent, but the robot did not do it, and why.");
     ctl.add_option("--can", options->interface, "CAN interface").show_default();
+    ctl.add_option("--key", options->key, "Key file, to answer a robot that asks for it before it arms");
     ctl.add_flag("--print", options->print, "Print the cansend lines instead of sending");
     ctl.add_option("--alive", options->alive,
                    "Alive counter of the first frame (default: 0 printed, else chosen)")

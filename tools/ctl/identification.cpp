@@ -123,7 +123,7 @@ int await_identification(Link& link) {
         asked_idle = true;
         std::printf("Ctrl-C: the robot is asked for idle\n");
         std::fflush(stdout);
-        return link.send(mode_command(protocol::Mode::idle));
+        return link.ask(protocol::Mode::idle);
     };
 
     std::int64_t heard_ns = can_now_ns();

@@ -5,6 +5,10 @@
 #include <cmath>
 #include <cstdio>
 
+#include "firmware/supervisor/modes.hpp"
+#include "firmware/task/arming_guard.hpp"
+#include "firmware/task/key_file.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "tools/cli/ident_words.hpp"
 
 namespace wheelwright::tools {
@@ -14,6 +18,9 @@ constexpr std::int64_t kSecond_ns = 1'000'000'000;
 // Alive counters of separate calls come from the clock, one step in so many nanoseconds; a round of 15 is
 // longer than the 500 ms over which the firmware remembers the last one.
 constexpr std::int64_t kAliveSlot_ns = 40'000'000;
+constexpr std::int64_t kLongestArming_ns = 4 * kSecond_ns;
+// After an answer: the firmware has judged it and said so.
+constexpr std::int64_t kJudged_ns = kSecond_ns / 4;
 constexpr std::int64_t kAlivePeriod_ns = std::int64_t{protocol::HostAlive::cycle_time_ms} * 1'000'000;
 
 }  // namespace
@@ -24,7 +31,8 @@ int LinkOptions::complain(int status, const std::string& text) const {
 }
 
 int Link::open() {
-    int status = kDone;
+    int status = read_key();
+    if (status != kDone) return status;
     first_alive_ = options_.alive >= 0 ? static_cast<std::uint8_t>(options_.alive) : alive_of_slot();
     bus_ = open_can(options_.interface, status);
     if (bus_ != nullptr) {
@@ -34,7 +42,7 @@ int Link::open() {
              {protocol::Status::id, protocol::BodyState::id, protocol::ParameterReply::id,
               protocol::IdentStatus::id, protocol::EstimateK5K7::id, protocol::EstimateK6K8::id,
               protocol::StandardErrorK5K7::id, protocol::StandardErrorK6K8::id, protocol::DriveError::id,
-              protocol::TrajectoryPace::id, protocol::IdentSizing::id})
+              protocol::TrajectoryPace::id, protocol::IdentSizing::id, protocol::ArmingChallenge::id})
             filters.push_back({id, kWhole, false});
         bus_->set_filters(filters);
     }
@@ -59,6 +67,9 @@ bool Link::receive(hal::CanFrame& frame, std::int64_t deadline_ns) {
         if (frame.extended || frame.error || frame.remote) continue;
         if (const auto body = decoded<protocol::BodyState>(frame)) body_ = *body;
         if (const auto error = decoded<protocol::DriveError>(frame)) errors_.take(*error);
+        if (const auto challenge = decoded<protocol::ArmingChallenge>(frame);
+            challenge && !answer(*challenge))
+            return false;
         return true;
     }
     return false;
@@ -73,6 +84,66 @@ int Link::send(const Command& command) {
         return options_.complain(kMachineLacks, options_.interface + ": " + failed);
     }
     return kDone;
+}
+
+int Link::read_key() {
+    if (options_.key.empty()) return kDone;
+    task::KeyFile file;
+    if (const std::string wrong = task::read_key_file(options_.key, file); !wrong.empty()) {
+        return options_.complain(kUsage, wrong);
+    }
+    auto made = hal::make_aes_cmac(file.key);
+    if (!made) return options_.complain(made.error().exit_status(), made.error().message);
+    code_ = std::move(made.value());
+    robot_ = file.robot;
+    return kDone;
+}
+
+int Link::ask(protocol::Mode mode) {
+    asked_.reset();
+    if (code_ != nullptr && supervisor::drives(mode)) asked_ = mode;
+    answered_ns_ = 0;
+    return send(mode_command(mode));
+}
+
+// Once each: somebody else may have asked for it too. False: it cannot be sent.
+bool Link::answer(const protocol::ArmingChallenge& challenge) {
+    const bool again = answered_ns_ != 0 && challenge.nonce_low == answered_.nonce_low &&
+                       challenge.nonce_high == answered_.nonce_high;
+    if (!asked_ || again) return true;
+    const auto right = task::answer_to(challenge, *asked_, {code_.get(), nullptr, robot_});
+    answered_ = challenge;
+    answered_ns_ = can_now_ns();
+    return right && send(command_of(*right)) == kDone;
+}
+
+void Link::prove() {
+    const std::int64_t last_ns = can_now_ns() + longest_arming_ns();
+    const std::int64_t settled_ns = can_now_ns() + kJudged_ns;
+    while (asked_ && answered_ns_ == 0) {
+        const auto status = wait_for<protocol::Status>(last_ns);
+        if (!status || status->requested == *asked_) return;
+        if (can_now_ns() > settled_ns && !may_still_arm(*status)) return;
+    }
+}
+
+bool Link::may_still_arm(const protocol::Status& status) const {
+    using protocol::Blocker;
+    if (status.blocker == Blocker::not_authenticated) {
+        return asked_.has_value() && (answered_ns_ == 0 || can_now_ns() < answered_ns_ + kJudged_ns);
+    }
+    return status.blocker == Blocker::drives_not_armed || status.blocker == Blocker::none;
+}
+
+std::int64_t Link::longest_arming_ns() const {
+    const std::int64_t challenge_ns = task::ArmingGuard::kMostDelay_ns + task::ArmingGuard::kValid_ns;
+    return kLongestArming_ns + (asked_ ? challenge_ns : 0);
+}
+
+std::string Link::text_of(const protocol::Status& status) const {
+    const bool refused = status.blocker == protocol::Blocker::not_authenticated && answered_ns_ != 0;
+    return status_text(status, errors_) +
+           (refused ? "; the answer was refused: is this key the robot's?" : "");
 }
 
 void Link::forget_received() {
@@ -137,9 +208,8 @@ bool ModeWatch::follow(Link& link, std::int64_t deadline_ns) {
         } else if (entered_) {
             return false;
         } else if (heard_ns_ > asked_ns_ + kSecond_ns / 4) {
-            const bool arming = status->blocker == protocol::Blocker::drives_not_armed ||
-                                status->blocker == protocol::Blocker::none;
-            if (!arming || heard_ns_ > asked_ns_ + kLongestArming_ns) return false;
+            if (!link.may_still_arm(*status) || heard_ns_ > asked_ns_ + link.longest_arming_ns())
+                return false;
         }
     }
     return true;

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "hal/message_code.hpp"
 #include "tools/cli/can_port.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/message_text.hpp"
@@ -19,7 +20,8 @@ namespace wheelwright::tools {
 
 struct LinkOptions {
     std::string interface = "can0";
-    int alive = -1;  // the first alive counter; -1: chosen
+    int alive = -1;   // the first alive counter; -1: chosen
+    std::string key;  // key file, to answer a robot that asks for it; "": none
     std::string program = "wheelwright ctl";
 
     // Says it on standard error; returns the status.
@@ -40,6 +42,14 @@ class Link {
     static void leave_slot();
 
     int send(const Command& command);
+
+    // Asks for a mode. With a key, the robot's challenge is answered whenever this program waits for frames.
+    int ask(protocol::Mode mode);
+    // For who does not wait otherwise: until the mode that was asked for is on its way, or refused.
+    void prove();
+    // Whether what blocks the mode that was asked for may pass.
+    bool may_still_arm(const protocol::Status& status) const;
+    std::int64_t longest_arming_ns() const;
 
     // From now on HostAlive is sent whenever this program waits for frames, as the firmware stops what needs
     // no set-points when nobody is there.
@@ -79,7 +89,7 @@ class Link {
     // How the robot moves, by what came in while waiting.
     const protocol::BodyState& body() const { return body_; }
     // Status in words, with what the drives have reported meanwhile.
-    std::string text_of(const protocol::Status& status) const { return status_text(status, errors_); }
+    std::string text_of(const protocol::Status& status) const;
     const DriveErrors& drive_errors() const { return errors_; }
 
     const LinkOptions& options() const { return options_; }
@@ -87,6 +97,8 @@ class Link {
   private:
     static std::uint8_t alive_of_slot();
     std::uint8_t next_alive(const Command& command);
+    int read_key();
+    bool answer(const protocol::ArmingChallenge& challenge);
 
     const LinkOptions& options_;
     std::unique_ptr<hal::SocketCanBus> bus_;
@@ -95,6 +107,11 @@ class Link {
     std::uint8_t first_alive_ = 0;
     bool stays_alive_ = false;
     std::int64_t alive_due_ns_ = 0;
+    std::unique_ptr<hal::MessageCode> code_;  // null: no key
+    std::string robot_;                       // the key's
+    std::optional<protocol::Mode> asked_;     // the mode that a challenge is about
+    protocol::ArmingChallenge answered_;      // the last one, and when
+    std::int64_t answered_ns_ = 0;
     std::vector<std::pair<std::string, std::uint8_t>> alive_;
 };
 
@@ -120,8 +137,6 @@ class ModeWatch {
     std::optional<protocol::Status> last_;
     std::int64_t heard_ns_ = 0;
 };
-
-inline constexpr std::int64_t kLongestArming_ns = 4'000'000'000;
 
 Command mode_command(protocol::Mode mode);
 Command parameter_request(protocol::ParameterOperation operation, std::uint16_t index, float value);

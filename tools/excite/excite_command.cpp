@@ -20,6 +20,7 @@ struct Options {
     std::uint64_t seed = 1;
     std::size_t which = 1;
     int rounds = excite::kUsualRounds;
+    std::string key;
     bool yes = false;
 };
 
@@ -64,7 +65,7 @@ int drive_round(Link& link, const excite::Excitation& e, int round) {
     protocol::TorqueCommand setpoint;
     if (const int status = link.send(command_of(setpoint)); status != kDone) return status;
     link.forget_received();
-    if (const int status = link.send(mode_command(protocol::Mode::torque)); status != kDone) return status;
+    if (const int status = link.ask(protocol::Mode::torque); status != kDone) return status;
     ModeWatch watch(protocol::Mode::torque, can_now_ns());
     const auto period_ns = static_cast<std::int64_t>(1e9 * excite::kSetpointPeriod_s);
     std::int64_t due_ns = can_now_ns();
@@ -83,7 +84,7 @@ int drive_round(Link& link, const excite::Excitation& e, int round) {
 
 int halt(Link& link) {
     if (const int status = link.send(command_of(protocol::VelocityCommand{})); status != kDone) return status;
-    if (const int status = link.send(mode_command(protocol::Mode::velocity)); status != kDone) return status;
+    if (const int status = link.ask(protocol::Mode::velocity); status != kDone) return status;
     const std::int64_t end_ns = can_now_ns() + static_cast<std::int64_t>(1e9 * excite::kHalt_s);
     while (can_now_ns() < end_ns && !interrupted()) {
         if (const int status = link.send(command_of(protocol::VelocityCommand{})); status != kDone)
@@ -101,7 +102,7 @@ int drive(const Options& options, const excite::Excitation& e) {
             return complain(kAimMissed, "not driven");
         }
     }
-    const LinkOptions to{options.interface, -1, "wheelwright excite"};
+    const LinkOptions to{options.interface, -1, options.key, "wheelwright excite"};
     catch_interrupt();
     Link link(to);
     if (const int status = link.open(); status != kDone) return status;
@@ -110,7 +111,7 @@ int drive(const Options& options, const excite::Excitation& e) {
         status = drive_round(link, e, round);
         if (status == kDone) status = halt(link);
     }
-    const int idle = link.send(mode_command(protocol::Mode::idle));
+    const int idle = link.ask(protocol::Mode::idle);
     Link::leave_slot();
     if (interrupted()) return complain(kAimMissed, "interrupted");
     if (status == kDone) std::printf("\nDriven.\n");
@@ -167,6 +168,8 @@ void add_excite(const CommandLine& program, Run& run) {
     command.add_option("--log", options->log, "With --plant: the bus, as candump -L writes it");
     command.add_option("--seed", options->seed, "With --plant: seed of noise and phases").show_default();
     command.add_option("--can", options->interface, "CAN interface of the robot");
+    command.add_option("--key", options->key,
+                       "With --can: key file, if the robot asks for it before it arms");
     command.add_flag("--yes", options->yes, "With --can: do not ask before driving");
     command.add_option("--json", options->json, "Also write the figures to this file");
     command.callback([options, &run] { run = [options] { return excite(*options); }; });

@@ -1,38 +1,19 @@
-// Reader and writer of candump -L lines, our log format:
-//   (1436509052.249713) can0 624#2C01F4012C01F401        classic data frame, 3 or 8 digits of identifier
-//   (1436509052.249714) can0 123#R4                      remote frame, asking for 4 bytes
-//   (1436509052.249715) can0 123##1AABB                  FD frame, first digit: flags (1 bit-rate switch)
-//   (1436509052.249716) can0 20000080#0000000000000000   error frame
-// Sources: can-utils lib.c (sprint_canframe), Linux include/uapi/linux/can.h.
-// A line that candump wrote is written back with the same bytes.
+// Reader of whole candump -L logs. Lines that begin with '#' are comments, as can-utils have it.
 #pragma once
 
 #include <cstdint>
 #include <iosfwd>
 #include <optional>
 #include <string>
-#include <string_view>
 #include <vector>
 
-#include "hal/can_bus.hpp"
+#include "hal/linux/candump.hpp"
 
 namespace wheelwright::tools {
 
-struct LogFrame {
-    std::int64_t time_ns = 0;
-    std::string interface = "can0";
-    hal::CanFrame frame;
-    std::uint8_t fd_flags = 0;  // FD: as in the log; bit 0 is frame.bit_rate_switch
-    std::uint8_t raw_dlc = 0;   // classic with 8 bytes: length code 9..15 where one was sent, else 0
-    std::string suffix;         // what follows the frame (" R" or " T" with -x)
-};
-
-// "" when the line is good, else what is wrong with it; `out` is then undefined. A trailing CR or LF is
-// ignored.
-std::string parse_candump_line(std::string_view line, LogFrame& out);
-
-// The line without its newline. Times finer than a microsecond are cut, as candump has six digits.
-std::string format_candump_line(const LogFrame& entry);
+using hal::format_candump_line;
+using hal::LogFrame;
+using hal::parse_candump_line;
 
 // Something wrong with a line of a log.
 struct LineProblem {
@@ -42,10 +23,12 @@ struct LineProblem {
 
 std::string to_text(const std::string& file, const LineProblem& problem);
 
-// Whether a file begins as a candump -L log does, with '('; nothing if it cannot be opened (errno says why).
+// Whether a file begins as a candump -L log does, with '(' behind comments; nothing if it cannot be opened
+// (errno says why).
 std::optional<bool> is_candump(const std::string& path);
 
-// Reads a log line by line. Lines must not go back in time; equal times are fine. Blank lines are skipped.
+// Reads a log line by line. Lines must not go back in time; equal times are fine. Blank lines and comments
+// are skipped.
 class CandumpReader {
   public:
     // `in` outlives the reader.

@@ -39,6 +39,16 @@ std::string effect_unit(std::uint16_t index) {
     return parameter.has_value() ? parameter->unit : "";
 }
 
+// "left 24.1 V, inverter 41 degC, motor not reported".
+std::string health_text(const protocol::DriveHealth& health) {
+    const auto reported = [](bool told, const char* pattern, double value) {
+        return told ? format(pattern, value) : std::string("not reported");
+    };
+    return name(health.wheel) + " " + reported(health.supply_reported, "%.1f V", health.supply_V) +
+           ", inverter " + reported(health.inverter_reported, "%.0f degC", health.inverter_temperature_degC) +
+           ", motor " + reported(health.motor_reported, "%.0f degC", health.motor_temperature_degC);
+}
+
 }  // namespace
 
 template <typename Message>
@@ -122,6 +132,11 @@ bool RobotView::accept(const hal::CanFrame& frame, std::int64_t time_ns) {
             if (take(frame, error)) drive_errors_.take(*error);
             return error.has_value();
         }
+        case DriveHealth::id: {
+            std::optional<DriveHealth> health;
+            if (take(frame, health)) health_[std::size_t(health->wheel)] = health;
+            return health.has_value();
+        }
         case IdentSizing::id: {
             std::optional<IdentSizing> sizing;
             if (take(frame, sizing)) layout_.take(*sizing);
@@ -154,6 +169,7 @@ std::string RobotView::limits_text() const {
     add(status_->limit_yaw_rate, "yaw rate");
     add(status_->limit_acceleration, "acceleration");
     add(status_->limit_area, "area");
+    add(status_->limit_drives, "a drive's supply or temperature");
     add(status_->limit_adaptation_frozen, "adaptation frozen");
     return text.empty() ? "none" : text;
 }
@@ -186,6 +202,9 @@ std::string RobotView::screen(std::int64_t now_ns) const {
     row("drives", "left " + name(status_->drive_left) + ", right " + name(status_->drive_right));
     if (const std::string text = drive_errors_.text(); !text.empty()) row("", text);
     if (const std::string text = advice(*status_, {}); !text.empty()) row("", text);
+    for (const char* label = "supply"; const auto& health : health_) {
+        if (health.has_value()) row(std::exchange(label, ""), health_text(*health));
+    }
     if (odometry_.has_value()) {
         row("pose", format("x %8.4f m  y %8.4f m  heading %7.4f rad  (%s)", odometry_->x_m, odometry_->y_m,
                            odometry_->heading_rad, status_->pose_fixed ? "external pose" : "odometry alone"));

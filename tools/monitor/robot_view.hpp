@@ -68,6 +68,7 @@ class RobotView {
     std::optional<protocol::BusLoad> bus_load_;
     std::optional<protocol::LoopDesign> design_;
     DriveErrors drive_errors_;
+    std::array<std::optional<protocol::DriveHealth>, 2> health_;  // left, right
     std::optional<protocol::TrajectoryPace> pace_;
     IdentLayout layout_;
     std::map<std::uint32_t, Tally> tally_;  // our messages by identifier

@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "firmware/task/write_file.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/socketcan_bus.hpp"
 #include "tools/cli/can_port.hpp"
@@ -29,6 +30,7 @@ struct Options {
     std::uint64_t seed = 1;
     double duration_s = 0;
     std::string log;
+    std::string black_box;
     std::string json;
     std::string interface;
     bool external_poses = false;
@@ -271,6 +273,8 @@ int run_virtual(const Options& options) {
         settings.seed = options.seed;
         settings.world = world_options(plant.simulation, options.seed);
         settings.log_path = options.log;
+        settings.black_box = options.black_box;
+        if (!options.black_box.empty()) task::read_whole_file(options.robot, settings.robot_file);
         Report report("sim");
         bool reached = true;
         const auto begin = std::chrono::steady_clock::now();
@@ -291,6 +295,8 @@ int run_virtual(const Options& options) {
                 // what --duration asked for
             }
             simulated_s = sim.time_s();
+            sim.end_recording();
+            for (const std::string& said : sim.black_boxes()) std::printf("%s\n", said.c_str());
             if (sim.log_failed()) {
                 std::fprintf(stderr, "wheelwright sim: %s could not be written whole\n", options.log.c_str());
                 return kMachineLacks;
@@ -433,6 +439,8 @@ void add_sim(const CommandLine& program, Run& run) {
     command.add_option("--duration", options->duration_s, "Seconds to run (default: until all is done)")
         .check(greater_than_zero());
     command.add_option("--log", options->log, "Write the bus as candump -L");
+    command.add_option("--black-box", options->black_box,
+                       "After each fault, write the last half minute to a file in this directory");
     const Option can =
         command.add_option("--can", options->interface, "Play the robot on this interface, in real time");
     command.add_flag("--external-poses", options->external_poses,

@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
+#include "firmware/task/build_identity.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/socketcan_bus.hpp"
 #include "tools/logs/candump.hpp"
@@ -354,8 +355,13 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
                                  *drivers::make_drive(left_, parameters_, drivers::Wheel::left),
                                  *drivers::make_drive(right_, parameters_, drivers::Wheel::right),
                                  options.emergency_stop_line ? stop_line_.get() : nullptr,
-                                 options.drive_enable_line ? enable_line_.get() : nullptr};
-    cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
+                                 options.drive_enable_line ? enable_line_.get() : nullptr,
+                                 options.arming_key};
+    if (options.black_box.empty()) {
+        cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, ports);
+    } else {
+        record_to(options, ports);
+    }
     // In real time the lines above take some: cycles are due from now on.
     schedule_ = task::CycleSchedule(machine_->clock().now_ns() + task::kCyclePeriod_ns);
     if (!options.log_path.empty() && virtual_ != nullptr) {
@@ -364,7 +370,30 @@ Simulation::Simulation(const model::RobotParameters& controller, const model::Ro
     }
 }
 
+void Simulation::record_to(const SimulationOptions& options, const task::CyclePorts& ports) {
+    if (const std::string problem = task::BlackBoxWriter::prepare(options.black_box); !problem.empty()) {
+        throw std::runtime_error(problem + "\n");
+    }
+    box_ = std::make_unique<task::BlackBox>(ports, mailbox_);
+    cycle_ = std::make_unique<task::Cycle>(parameters_, mailbox_, box_->ports());
+    box_->watch(*cycle_);
+    task::BoxAbout about;
+    about.build = task::build_identity();
+    about.interface = {"can0", ports.host_bus == nullptr ? "" : "can1"};
+    about.stop_line = ports.emergency_stop != nullptr;
+    about.enable_line = ports.drive_enable != nullptr;
+    about.drive_generation = parameters_.drive.generation;
+    about.robot_file = options.robot_file;
+    box_writer_ = std::make_unique<task::BlackBoxWriter>(
+        *box_, options.black_box, about, [this](const std::string& said) { black_boxes_.push_back(said); });
+}
+
+void Simulation::end_recording() {
+    if (box_writer_ != nullptr) box_writer_->finish();
+}
+
 Simulation::~Simulation() {
+    end_recording();
     if (virtual_ != nullptr) virtual_->catch_up();  // the log outlives the last frame
     machine_.reset();
 }
@@ -380,9 +409,15 @@ void Simulation::step() {
     const task::CycleTime time = schedule_.begin(now_ns);
     cycle_ns_ = time.scheduled_ns;
     missed_cycles_ += time.missed;
+    if (box_ != nullptr) box_->begin(time);
     cycle_->think(time);
     clock.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
+    if (box_ != nullptr) box_->sending(clock.now_ns());
     cycle_->send(clock.now_ns());
+    if (box_ != nullptr) {
+        box_->end();
+        box_writer_->step();
+    }
     schedule_.end(0);
     if (virtual_ != nullptr) world_->advance_to(clock.now_ns());  // for the judge
 }

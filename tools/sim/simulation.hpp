@@ -8,7 +8,7 @@
 //   sim.run_for(2.0);
 //   judge(sim.world().pose());
 //
-// Threads: one. Nothing allocates after the constructor, unless a log is being written.
+// Threads: one. Nothing allocates after the constructor, unless a log or a black box is being written.
 #pragma once
 
 #include <array>
@@ -18,9 +18,11 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "drivers/drive_catalogue.hpp"
 #include "firmware/model/robot_parameters.hpp"
+#include "firmware/task/black_box_writer.hpp"
 #include "firmware/task/cycle.hpp"
 #include "firmware/task/robot_file.hpp"
 #include "sim_hal/faulty_bus.hpp"
@@ -98,9 +100,12 @@ struct SimulationOptions {
     bool separate_host_bus = false;
     bool emergency_stop_line = false;
     bool drive_enable_line = false;
+    task::ArmingKey arming_key = {};  // none: whoever asks may arm
     bool faulty_buses = false;      // virtual time; for Simulation::faulty_bus()
     std::string can_interface;      // "": virtual time; otherwise real time on this SocketCAN interface
     std::int64_t rest_ns = 50'000;  // in real time: the robot looks at the bus no more often than that
+    std::string black_box;          // "": none; otherwise the directory for a file after each fault
+    std::string robot_file;         // the controller's text, for the black box
     std::string log_path;           // virtual time; "": no log; otherwise candump -L (a second bus as can1)
 };
 
@@ -150,9 +155,14 @@ class Simulation {
     sim::SimOutput& drive_enable() { return *enable_line_; }
     task::SaveMailbox& mailbox() { return mailbox_; }
     bool log_failed() const;
+    // One sentence for each black box that was written, or not.
+    const std::vector<std::string>& black_boxes() const { return black_boxes_; }
+    // Writes a black box that still waits for what follows its fault; the destructor does too.
+    void end_recording();
 
   private:
     class Log;
+    void record_to(const SimulationOptions& options, const task::CyclePorts& ports);
     // What firmware, robot and host meet on: clock and buses.
     class Machine {
       public:
@@ -179,13 +189,16 @@ class Simulation {
     std::unique_ptr<sim::SimInput> stop_line_;
     std::unique_ptr<sim::SimOutput> enable_line_;
     task::SaveMailbox mailbox_;
+    std::unique_ptr<task::BlackBox> box_;
     std::unique_ptr<task::Cycle> cycle_;
+    std::unique_ptr<task::BlackBoxWriter> box_writer_;
     std::unique_ptr<SimulatedHost> host_;
     task::CycleSchedule schedule_;
     std::int64_t cycle_ns_ = 0;
     std::int64_t missed_cycles_ = 0;
     double end_s_ = 0;  // 0: never
     std::unique_ptr<Log> log_;
+    std::vector<std::string> black_boxes_;
 };
 
 }  // namespace wheelwright::tools

@@ -81,12 +81,17 @@ void drive_steps(Simulation& sim, const DrawnRobot& robot, Driving& driving) {
     const double time_s = driving.settling_aim_s;
     const TwistRate<double> peak = peak_acceleration(robot);
     const auto& limits = sim.parameters().limits;
-    const auto size = [&](double acceleration, double limit) {
-        return std::min(kStepShare * acceleration * time_s, kStepShareOfLimit * limit);
+    using Command = protocol::VelocityCommand;
+    // A whole number of the frame's steps: what the robot is asked for is what it is judged by.
+    const auto size = [&](double acceleration, double limit, double frame_step) {
+        const double wanted = std::min(kStepShare * acceleration * time_s, kStepShareOfLimit * limit);
+        return frame_step * std::max(1.0, std::round(wanted / frame_step));
     };
-    driving.forward = judged_step(sim, size(peak.v_m_per_s2, limits.speed_m_per_s), 0, 10 * time_s);
-    driving.turning =
-        judged_step(sim, 0, size(peak.omega_rad_per_s2, limits.yaw_rate_rad_per_s), 10 * time_s);
+    const double v = size(peak.v_m_per_s2, limits.speed_m_per_s, Command::forward_speed_m_per_s_step);
+    const double omega =
+        size(peak.omega_rad_per_s2, limits.yaw_rate_rad_per_s, Command::yaw_rate_rad_per_s_step);
+    driving.forward = judged_step(sim, v, 0, 10 * time_s);
+    driving.turning = judged_step(sim, 0, omega, 10 * time_s);
 }
 
 TrackingOptions figure_eight(Simulation& sim, protocol::Mode mode, const DrawnRobot& robot) {

@@ -26,10 +26,12 @@ constexpr double kGrace_s = 0.003;
 // What a foreign host can do with a drive before it is told to be idle; as ChainTrust has it.
 constexpr double kForeignSpeed_m_per_s = 0.3;
 // The true names of what such frames are.
-constexpr std::array kStated{Fault::emergency_stop_message, Fault::foreign_control, Fault::drive_error,
-                             Fault::drive_left_armed_state, Fault::drive_silent,    Fault::stale_feedback,
-                             Fault::encoder_implausible,    Fault::over_speed,      Fault::arming_refused,
-                             Fault::stale_command,          Fault::bus_down};
+constexpr std::array kStated{
+    Fault::emergency_stop_message, Fault::foreign_control, Fault::drive_error,
+    Fault::drive_left_armed_state, Fault::drive_silent,    Fault::stale_feedback,
+    Fault::encoder_implausible,    Fault::over_speed,      Fault::arming_refused,
+    Fault::stale_command,          Fault::bus_down,        Fault::drive_voltage_out_of_range,
+    Fault::drive_overheated};
 
 class Hostility {
   public:

@@ -300,15 +300,18 @@ constexpr std::array kKinds{
                 },
                 two_cycles, "2 cycles after its heartbeat", From::told},
     TortureKind{"drive_reboots_armed",
-                "a drive is off for 30 to 300 ms and comes back in closed loop and torque control",
+                "a drive is off for 30 to 300 ms and comes back in closed loop, in position control",
                 Expect::stops, "stale_feedback,drive_silent,foreign_control",
                 [](Scene& s) {
                     s.drive().faults().powered_off = true;
-                    s.drive().faults().wakes_armed = true;
+                    s.drive().faults().wakes_armed = s.told_by_return = true;
                     s.amount = s.uniform(30, 300);
                 },
-                [](Scene& s) { s.drive().faults().powered_off = ++s.count < std::int64_t(s.amount); },
-                feedback_timeout, "feedback's time-out + 1 cycle and the way"},
+                [](Scene& s) {
+                    s.has_returned = ++s.count >= std::int64_t(s.amount);
+                    s.drive().faults().powered_off = !s.has_returned;
+                },
+                two_cycles, "2 cycles after its first frame", From::told},
     TortureKind{"drive_blinks_armed", "the same within 2 to 8 ms", Expect::either,
                 "drive_left_armed_state,encoder_implausible,stale_feedback,foreign_control",
                 [](Scene& s) {
@@ -513,14 +516,37 @@ constexpr std::array kKinds{
                     }
                     s.foreign(frame);
                 }},
-    TortureKind{"low_supply_reported", "drives report a supply of 5 V", Expect::stops, "*", nullptr,
+    TortureKind{"low_supply_reported", "drives report a supply of 5 V", Expect::stops,
+                "drive_voltage_out_of_range", nullptr,
                 [](Scene& s) {
                     for (const std::size_t side : {0U, 1U})
                         s.foreign(s.to_drive(side, odrive::GetBusVoltageCurrent::command, bits_of(5.F)));
                 },
                 implausible, "100 ms"},
-    TortureKind{"heat_reported", "drives report 130 degC", Expect::stops, "*", nullptr,
+    TortureKind{"high_supply_reported", "a drive reports a supply of 80 V", Expect::stops,
+                "drive_voltage_out_of_range", nullptr,
                 [](Scene& s) {
+                    s.foreign(s.to_drive(s.setup().side, odrive::GetBusVoltageCurrent::command, bits_of(80.F)));
+                },
+                implausible, "100 ms"},
+    TortureKind{"wild_reports", "one report in ten of supply and heat is wild: no number, 0 or 3e38",
+                Expect::serves, "", nullptr,
+                [](Scene& s) {
+                    constexpr std::array<float, 4> kWild{std::numeric_limits<float>::quiet_NaN(), 0, 3e38F,
+                                                         -3e38F};
+                    const bool wild = ++s.count % 10 == 0;
+                    const auto value = [&](float plain) { return bits_of(wild ? kWild[s.random().bits() % 4] : plain); };
+                    const std::size_t side = s.setup().side;
+                    s.foreign(s.to_drive(side, odrive::GetBusVoltageCurrent::command, value(24)));
+                    s.foreign(s.to_drive(side, odrive::GetTemperature::command, value(40), value(40)));
+                }},
+    // A drive of 0.5 has no such frame, and tells heat by its error.
+    TortureKind{"heat_reported", "drives report 130 degC", Expect::stops, "drive_overheated,drive_error",
+                [](Scene& s) {
+                    if (s.setup().truth.drive.generation == 5) s.drive().raise_error(0x2'0000);
+                },
+                [](Scene& s) {
+                    if (s.setup().truth.drive.generation == 5) return;
                     for (const std::size_t side : {0U, 1U})
                         s.foreign(s.to_drive(side, odrive::GetTemperature::command, bits_of(130.F),
                                              bits_of(130.F)));

@@ -88,21 +88,22 @@ SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
     return setup;
 }
 
-SimulationOptions Scene::options(const SceneSetup& setup, const std::string& log_path) {
+SimulationOptions Scene::options(const SceneSetup& setup, const SceneRecords& records) {
     SimulationOptions o;
     o.seed = setup.seed;
     o.world = world_options(setup.simulation, setup.seed);
     o.separate_host_bus = setup.separate_host_bus;
     o.emergency_stop_line = true;
     o.faulty_buses = true;
-    o.log_path = log_path;
+    o.log_path = records.log;
+    o.black_box = records.black_box;
     return o;
 }
 
-Scene::Scene(const SceneSetup& setup, const std::string& log_path)
+Scene::Scene(const SceneSetup& setup, const SceneRecords& records)
     : setup_(setup),
       random_(setup.seed, kSceneStream),
-      sim_(setup.believed, setup.truth, options(setup, log_path)) {}
+      sim_(setup.believed, setup.truth, options(setup, records)) {}
 
 bool Scene::drive_off() {
     SimulatedHost& host = sim_.host();

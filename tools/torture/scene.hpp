@@ -31,9 +31,15 @@ struct SceneSetup {
 };
 SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots);
 
+// What a scene writes; "": nothing.
+struct SceneRecords {
+    std::string log;        // a file: the frames as candump -L writes them
+    std::string black_box;  // a directory
+};
+
 class Scene {
   public:
-    explicit Scene(const SceneSetup& setup, const std::string& log_path = "");
+    explicit Scene(const SceneSetup& setup, const SceneRecords& records = {});
 
     // Puts the robot on its way in the setup's mode. False: the mode was not entered, `problem` says why.
     bool drive_off();
@@ -80,6 +86,8 @@ class Scene {
     void tell_at(std::int64_t now_ns) {
         if (!told_s_) told_s_ = since_s(now_ns);
     }
+    // The firmware is told by the first frame of the tortured side's drive after its return.
+    bool told_by_return = false, has_returned = false;
     void begin_harm() { harm_ns_ = sim_.now_ns(); }
     double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
     double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }
@@ -93,7 +101,7 @@ class Scene {
     std::function<void()> undo;
 
   private:
-    static SimulationOptions options(const SceneSetup& setup, const std::string& log_path);
+    static SimulationOptions options(const SceneSetup& setup, const SceneRecords& records);
     SceneSetup setup_;
     sim::Random random_;
     Simulation sim_;

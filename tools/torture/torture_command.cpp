@@ -37,6 +37,7 @@ struct Options {
     std::string kind;
     std::string robots = "both";
     std::string log;
+    std::string black_box;
     std::string page;
     std::string json;
     bool list = false;
@@ -116,7 +117,7 @@ int replay(const Options& options, const TortureKind& kind) {
                      untouched.problem.c_str());
         return kBadInput;
     }
-    const TortureResult result = torture(kind, untouched, options.log);
+    const TortureResult result = torture(kind, untouched, {options.log, options.black_box});
     std::printf("%s, seed %llu: %s\n", options.kind.c_str(), static_cast<unsigned long long>(options.seed),
                 result.setup.c_str());
     for (const std::string& line : result.story) std::printf("%s\n", line.c_str());
@@ -375,6 +376,9 @@ void add_torture(const CommandLine& program, Run& run) {
         .check(from_to("0", "1000"))
         .show_default();
     command.add_option("--log", options->log, "Write its bus's frames to this file, as candump -L does")
+        .needs(seed)
+        .needs(kind);
+    command.add_option("--black-box", options->black_box, "Write its black boxes to this directory")
         .needs(seed)
         .needs(kind);
     command.add_option("--page", options->page, "Write a page (HTML) to this file");

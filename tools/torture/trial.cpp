@@ -69,6 +69,10 @@ class Judge final : public sim::BusTap {
         if (harmed_ && event.sender >= 2 && frame.id == protocol::EmergencyStop::id && !frame.extended &&
             !frame.remote)
             scene_.tell_at(event.end_ns);
+        if (event.sender == 1 && frame.id >> 5U == scene_.node(scene_.setup().side) && !frame.extended &&
+            scene_.has_returned) {
+            scene_.tell_at(event.end_ns);
+        }
         const std::uint32_t command = frame.id & 0x1FU;
         const bool of_drive = frame.id >> 5U == scene_.node(0) || frame.id >> 5U == scene_.node(1);
         if (!of_drive || frame.extended || frame.remote || frame.length < 4) return;
@@ -82,8 +86,8 @@ class Judge final : public sim::BusTap {
             if (!(std::abs(double{motor_Nm}) <= 1.001 * limit_Nm))
                 violate("torque sent", text("%g Nm for a limit of %g", double{motor_Nm}, limit_Nm));
         }
-        if (harmed_ && event.sender == 1 && command == drivers::odrive_0_6::Heartbeat::command &&
-            frame.length == 8) {
+        if (harmed_ && !scene_.told_by_return && event.sender == 1 &&
+            command == drivers::odrive_0_6::Heartbeat::command && frame.length == 8) {
             std::uint32_t error = 0;
             std::memcpy(&error, frame.data.data(), 4);
             if (error != 0 || frame.data[4] != 8) scene_.tell_at(event.end_ns);
@@ -127,7 +131,11 @@ class Judge final : public sim::BusTap {
         double grace_s = kGrace_s + latency_s;
         if (kind_.unreachable && watched)
             grace_s = std::max(grace_s, p.drive.watchdog_timeout_s + 2 * kCycle_s);
-        if (torque_Nm > 0 && undriven_s_ > grace_s + 1e-9)
+        // A drive that arms itself is known to be there from its first frame on.
+        const double known_s = scene_.has_returned
+                                   ? std::min(undriven_s_, now_s - scene_.told_s().value_or(now_s))
+                                   : undriven_s_;
+        if (torque_Nm > 0 && known_s > grace_s + 1e-9)
             violate("torque at rest",
                     text("%.2f Nm, %.0f ms after the last driven cycle", torque_Nm, 1e3 * undriven_s_));
         if (watched) {
@@ -267,12 +275,12 @@ UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots) {
     return drive;
 }
 
-TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, const std::string& log_path) {
+TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, const SceneRecords& records) {
     TortureResult result;
     result.kind = kind.name;
     result.seed = untouched.setup.seed;
     result.setup = untouched.setup.text();
-    Scene scene(untouched.setup, log_path);
+    Scene scene(untouched.setup, records);
     Judge judge(scene, kind, result);
     if (!scene.drive_off()) {  // untouched it did
         judge.violate("not repeatable", scene.problem);

@@ -38,8 +38,7 @@ struct TortureResult {
         0;  // a checksum of all frames on the drives' bus with their times, and the last pose
     std::vector<std::string> story;  // one line for each change
 };
-// `log_path`: the frames as candump -L writes them; "": none.
 TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched,
-                      const std::string& log_path = "");
+                      const SceneRecords& records = {});
 
 }  // namespace wheelwright::tools
