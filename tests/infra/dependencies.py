@@ -53,6 +53,7 @@ def sim_may_include(header):
     return header.startswith(("sim_hal/", "hal/", "firmware/model/", "firmware/protocol/"))
 
 
+STAGES = ["logs", "hypotheses", "model", "inference"]
 RULES = {
     **{folder: (named(*CORE), core_system) for folder in CORE},
     # The model stands below everything else in the core, and the control laws do not know who identified it.
@@ -66,10 +67,10 @@ RULES = {
     # The trials' robots know nothing of what the analysis is made of.
     "tools/gap_trials/hidden/": (named("tools/gap_trials/hidden/"), any_system),
     "tools/gap_exam/truth/": (named("tools/gap_exam/truth/", "tools/gap_trials/hidden/random.hpp"), any_system),
-    # The gap analysis in one direction: what was measured, the model, what is concluded, what is said of it.
-    "tools/gap/logs/": (tools_without("tools/gap/", but=["tools/gap/logs/"]), any_system),
-    "tools/gap/model/": (tools_without("tools/gap/inference/", "tools/gap/report/"), any_system),
-    "tools/gap/inference/": (tools_without("tools/gap/report/"), any_system),
+    # The gap analysis in one direction: what was measured, what may be missing, the model, what is concluded, what is
+    # said of it.
+    **{f"tools/gap/{folder}/": (tools_without("tools/gap/", but=[f"tools/gap/{earlier}/" for earlier in STAGES[: i + 1]]),
+                                any_system) for i, folder in enumerate(STAGES)},
     "tools/excite/": (tools_without("tools/gap/"), any_system),
     "tools/": (lambda header: not header.startswith("tests/"), any_system),
     "toolchain/": (named("toolchain/"), any_system),
@@ -133,9 +134,11 @@ PLANTED = [
     ("tools/gap_exam/truth/laws.hpp", '#include "firmware/model/effects.hpp"'),
     ("tools/gap_exam/truth/simulator.cpp", '#include "tools/gap_trials/hidden/robot.hpp"'),
     ("tools/gap/logs/sensors.hpp", '#include "tools/gap/model/rows.hpp"'),
+    ("tools/gap/hypotheses/contribution.hpp", '#include "tools/gap/model/rows.hpp"'),
     ("tools/gap/model/rows.hpp", '#include "tools/gap/inference/outcome.hpp"'),
+    ("tools/gap/inference/outcome.cpp", '#include "tools/gap/analysis.hpp"'),
     ("tools/gap/inference/outcome.cpp", '#include "tools/gap/report/output.hpp"'),
-    ("tools/excite/motions.hpp", '#include "tools/gap/gap_fit.hpp"'),
+    ("tools/excite/motions.hpp", '#include "tools/gap/model/fit.hpp"'),
     ("stray/file.cpp", "#include <array>"),
 ]
 

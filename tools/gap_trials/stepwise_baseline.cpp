@@ -8,13 +8,13 @@
 #include <optional>
 #include <vector>
 
-#include "tools/gap/gap_fit.hpp"
+#include "tools/gap/model/fit.hpp"
 #include "tools/logs/read_measured.hpp"
 
 namespace wheelwright::tools {
 namespace {
 
-using gap::Way;
+using gap::Candidate;
 using Json = nlohmann::ordered_json;
 
 constexpr std::size_t kMostEffects = 6;
@@ -46,8 +46,8 @@ class Stepwise {
         double now = criterion(chosen_);
         for (;;) {
             double best = now;
-            std::vector<Way> better;
-            const auto consider = [&](std::vector<Way> members) {
+            std::vector<Candidate> better;
+            const auto consider = [&](std::vector<Candidate> members) {
                 const double told = criterion(members);
                 if (told < best) {
                     best = told;
@@ -55,14 +55,14 @@ class Stepwise {
                 }
             };
             for (std::size_t i = 0; i < chosen_.size(); ++i) {
-                std::vector<Way> fewer = chosen_;
+                std::vector<Candidate> fewer = chosen_;
                 fewer.erase(fewer.begin() + static_cast<std::ptrdiff_t>(i));
                 consider(std::move(fewer));
             }
             if (chosen_.size() < kMostEffects) {
-                for (const Way& way : all_ways()) {
-                    std::vector<Way> more = chosen_;
-                    more.push_back(way);
+                for (const Candidate& candidate : all_ways()) {
+                    std::vector<Candidate> more = chosen_;
+                    more.push_back(candidate);
                     consider(std::move(more));
                 }
             }
@@ -76,11 +76,12 @@ class Stepwise {
         const gap::Fit f = fit(chosen_);
         Json told = Json::array();
         Eigen::Index at = kFirstAmount;
-        for (const Way& way : chosen_) {
-            const auto count = static_cast<Eigen::Index>(way.amounts.size());
-            const auto [values, plausible] = gap::parameters_of(way, f.value.segment(at, count), setting_);
+        for (const Candidate& candidate : chosen_) {
+            const auto count = static_cast<Eigen::Index>(candidate.amounts.size());
+            const auto [values, plausible] =
+                gap::parameters_of(candidate, f.value.segment(at, count), setting_);
             at += count;
-            const model::EffectInfo& info = model::kEffects[way.effect];
+            const model::EffectInfo& info = model::kEffects[candidate.effect];
             Json parameters = Json::array();
             for (std::size_t j = 0; j < info.parameters.size(); ++j) {
                 if (std::isfinite(values[j]))
@@ -111,54 +112,55 @@ class Stepwise {
         return blocks_.size() > 2;
     }
 
-    std::vector<Way> all_ways() const {
-        std::vector<Way> ways;
+    std::vector<Candidate> all_ways() const {
+        std::vector<Candidate> candidates;
         for (std::size_t effect = 0; effect < model::kEffectCount; ++effect) {
-            if (std::any_of(chosen_.begin(), chosen_.end(), [&](const Way& w) { return w.effect == effect; }))
+            if (std::any_of(chosen_.begin(), chosen_.end(),
+                            [&](const Candidate& w) { return w.effect == effect; }))
                 continue;
             const auto [first, end] = dictionary_->linear_columns(effect);
             if (first == end) {
-                const auto grid = dictionary_->ways(effect);
-                ways.insert(ways.end(), grid.begin(), grid.end());
+                const auto start = dictionary_->candidates(effect);
+                candidates.insert(candidates.end(), start.begin(), start.end());
                 continue;
             }
-            Way way;
-            way.effect = effect;
+            Candidate candidate;
+            candidate.effect = effect;
             for (int column = first; column < end; ++column) {
                 if (!(set_.wheel_power(column, column) > 0)) continue;
-                way.amounts.push_back({{column}});
-                way.coordinate.push_back(static_cast<unsigned>(column - first));
+                candidate.amounts.push_back({{column}});
+                candidate.coordinate.push_back(static_cast<unsigned>(column - first));
             }
-            if (way.amounts.empty()) continue;
-            ways.push_back(way);
+            if (candidate.amounts.empty()) continue;
+            candidates.push_back(candidate);
             // left and right of one size
             const auto& p = model::kEffects[effect].parameters;
-            if (way.amounts.size() == 2 && p[0].name.starts_with("left") && p[0].minimum >= 0) {
-                way.together = true;
-                way.amounts = {{{first, first + 1}}};
-                way.coordinate = {0};
-                ways.push_back(way);
+            if (candidate.amounts.size() == 2 && p[0].name.starts_with("left") && p[0].minimum >= 0) {
+                candidate.together = true;
+                candidate.amounts = {{{first, first + 1}}};
+                candidate.coordinate = {0};
+                candidates.push_back(candidate);
             }
         }
-        return ways;
+        return candidates;
     }
 
-    gap::Fit fit(const std::vector<Way>& members) const {
+    gap::Fit fit(const std::vector<Candidate>& members) const {
         gap::ModelShape shape;
         shape.amounts.push_back({{gap::Dictionary::kTiming}});
-        for (const Way& way : members) {
-            shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
-            shape.fixed.insert(shape.fixed.end(), way.fixed.begin(), way.fixed.end());
+        for (const Candidate& candidate : members) {
+            shape.amounts.insert(shape.amounts.end(), candidate.amounts.begin(), candidate.amounts.end());
+            shape.fixed.insert(shape.fixed.end(), candidate.fixed.begin(), candidate.fixed.end());
         }
         return gap::fit(blocks_, shape);
     }
 
-    double criterion(const std::vector<Way>& members) const {
+    double criterion(const std::vector<Candidate>& members) const {
         const gap::Fit f = fit(members);
         Eigen::Index at = kFirstAmount;
-        for (const Way& way : members) {
-            const auto count = static_cast<Eigen::Index>(way.amounts.size());
-            if (!gap::parameters_of(way, f.value.segment(at, count), setting_).second)
+        for (const Candidate& candidate : members) {
+            const auto count = static_cast<Eigen::Index>(candidate.amounts.size());
+            if (!gap::parameters_of(candidate, f.value.segment(at, count), setting_).second)
                 return std::numeric_limits<double>::infinity();
             at += count;
         }
@@ -172,7 +174,7 @@ class Stepwise {
     std::optional<gap::Dictionary> dictionary_;
     gap::BlockSet set_;
     gap::Blocks blocks_;
-    std::vector<Way> chosen_;
+    std::vector<Candidate> chosen_;
 };
 
 }  // namespace

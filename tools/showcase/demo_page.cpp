@@ -207,7 +207,7 @@ void missing(report::Page& page, const HiddenEffect& hidden) {
             hidden.name() + " " + std::string(model::kEffects[hidden.effect].parameters[j].name),
             text("%.4g", hidden.parameters[j])};
         if (hidden.found()) {
-            const gap::ParameterEstimate& p = f.search.effects[0].parameters[j];
+            const gap::ParameterEstimate& p = f.effects[0].parameters[j];
             row.emplace_back(text("%.4g", p.value));
             row.emplace_back(text("%.2g", p.standard_error));
         }
@@ -215,7 +215,7 @@ void missing(report::Page& page, const HiddenEffect& hidden) {
     }
     s.table(table);
     if (!hidden.found()) {
-        s.note(Tone::bad, "It was not found: " + f.search.reason + ".");
+        s.note(Tone::bad, "It was not found: " + f.conclusion.reason + ".");
     }
     const gap::ClosedLoop& loop = *f.closed_loop;
     report::Table drives;

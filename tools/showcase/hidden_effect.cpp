@@ -115,13 +115,13 @@ bool HiddenEffect::reached_its_aims() const {
 void HiddenEffect::add_to(Report& report) const {
     report.section("hidden_effect", "What the model lacked: " + name() + ", drawn at random");
     std::string named;
-    for (const gap::NamedEffect& e : findings.search.effects) {
+    for (const gap::NamedEffect& e : findings.effects) {
         named += (named.empty() ? "" : ", ") + std::string(model::kEffects[e.effect].name);
     }
     report.add("named", "named from the log alone", named.empty() ? std::string("nothing") : named, "",
-               problem.empty() ? gap::verdict_name(findings.search.verdict) : problem);
+               problem.empty() ? gap::verdict_name(findings.conclusion.verdict) : problem);
     if (found()) {
-        const gap::NamedEffect& e = findings.search.effects[0];
+        const gap::NamedEffect& e = findings.effects[0];
         report.table("parameters", {{"name", "parameter"},
                                     {"true_value", "truth"},
                                     {"value", "found"},

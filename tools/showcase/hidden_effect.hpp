@@ -5,7 +5,7 @@
 #include <string>
 
 #include "tools/cli/report.hpp"
-#include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/analysis.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::tools {

@@ -27,15 +27,15 @@ gap::Confusion confusion(std::string_view named, const model::Parameters<double>
     c.effects.active[c.effect] = true;
     c.effects.parameter[c.effect] = parameters;
     const gap::Dictionary dictionary(c.setting, {}, true);
-    gap::Way way;
-    way.effect = c.effect;
-    if (!dictionary.ways(c.effect).empty()) {
-        way = dictionary.ways(c.effect).back();
+    gap::Candidate candidate;
+    candidate.effect = c.effect;
+    if (!dictionary.candidates(c.effect).empty()) {
+        candidate = dictionary.candidates(c.effect).back();
         c.points[c.effect] = parameters;
     }
     for (auto [column, end] = dictionary.linear_columns(c.effect); column < end; ++column)
-        way.amounts.push_back({{column}});
-    c.members = {way};
+        candidate.amounts.push_back({{column}});
+    c.members = {candidate};
     c.torque_rms_Nm = 0.6;
     c.speed_rms_rad_per_s = 6;
     c.noise_rad_per_s = {kNoise_rad_per_s, kNoise_rad_per_s};
@@ -67,7 +67,7 @@ bool turns_on_the_spot(const excite::Motion& motion) {
 TEST_GROUP(GapMotions){};
 
 // Both push with the same force as long as the heading stays.
-TEST(GapMotions, a_slope_and_a_bias_are_told_apart_by_turning) {
+TEST(GapMotions, a_slope_and_a_bias_are_separated_by_turning) {
     for (const auto& [named, rival, parameters] :
          {std::tuple{"slope", "torque_bias", model::Parameters<double>{0.02, 0.4}},
           std::tuple{"torque_bias", "slope", model::Parameters<double>{0.05, 0.05}}}) {
@@ -79,7 +79,7 @@ TEST(GapMotions, a_slope_and_a_bias_are_told_apart_by_turning) {
 
 // On the spot the wheels' friction and the tyres' oppose the same turning, unless the centre of gravity pulls
 // the robot from it.
-TEST(GapMotions, friction_of_the_wheels_and_scrub_are_told_apart_by_driving_on) {
+TEST(GapMotions, friction_of_the_wheels_and_scrub_are_separated_by_driving_on) {
     for (const auto& [named, rival, parameters] :
          {std::tuple{"coulomb_friction", "turning_scrub", model::Parameters<double>{0.06, 0.06}},
           std::tuple{"turning_scrub", "coulomb_friction", model::Parameters<double>{0.3}}}) {

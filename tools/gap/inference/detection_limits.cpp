@@ -6,8 +6,8 @@
 #include <limits>
 #include <optional>
 
-#include "tools/gap/gap_columns.hpp"
-#include "tools/gap/gap_directions.hpp"
+#include "tools/gap/model/columns.hpp"
+#include "tools/gap/model/directions.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -33,39 +33,37 @@ bool in_range(std::size_t effect, const Parameters<double>& p) {
     return true;
 }
 
-// The least amounts of one way beside what was found.
+// The least amounts of one candidate beside what was found.
 class Least {
   public:
     Least(const Evidence& evidence, const Members& found)
-        : evidence_(evidence),
-          found_(found),
-          without_it_(evidence.fit(evidence.all(), found, Spread::left_out)) {
-        for (const Way& way : found) {
-            if (contains(evidence.base(), way.effect)) continue;
-            const std::vector<Amount> its = directions(way);
+        : evidence_(evidence), found_(found), without_it_(evidence.fit(evidence.all(), found, Spread::none)) {
+        for (const Candidate& candidate : found) {
+            if (contains(evidence.base(), candidate.effect)) continue;
+            const std::vector<Amount> its = directions(candidate);
             found_amounts_.insert(found_amounts_.end(), its.begin(), its.end());
         }
     }
 
     // Infinite: not in this log, or the same as something that was found.
-    Eigen::VectorXd of(const Way& way) const {
-        Way shown = way;  // with the amounts that the log shows
+    Eigen::VectorXd of(const Candidate& candidate) const {
+        Candidate shown = candidate;  // with the amounts that the log shows
         shown.amounts.clear();
         std::vector<std::size_t> which;
-        for (std::size_t k = 0; k < way.amounts.size(); ++k) {
-            if (!shows(way.amounts[k])) continue;
-            shown.amounts.push_back(way.amounts[k]);
+        for (std::size_t k = 0; k < candidate.amounts.size(); ++k) {
+            if (!shows(candidate.amounts[k])) continue;
+            shown.amounts.push_back(candidate.amounts[k]);
             which.push_back(k);
         }
-        Eigen::VectorXd least = Eigen::VectorXd::Constant(Eigen::Index(way.amounts.size()), kInfinity);
+        Eigen::VectorXd least = Eigen::VectorXd::Constant(Eigen::Index(candidate.amounts.size()), kInfinity);
         if (which.empty()) return least;
         const Members more = with(found_, shown);
         const Fit f = evidence_.fit(evidence_.all(), more, Spread::plain);  // as the acceptance asks
         Eigen::Index at = first_amount_of(more, more.size() - 1);
         for (const std::size_t k : which) {
             const double error = kOfChoosing * f.error(at++);
-            const double interest = kOfInterestTwice * least_share(more, way) *
-                                    evidence_.set().torque_rms_Nm / std::sqrt(power(way.amounts[k]));
+            const double interest = kOfInterestTwice * least_share(more, candidate) *
+                                    evidence_.set().torque_rms_Nm / std::sqrt(power(candidate.amounts[k]));
             least(Eigen::Index(k)) =
                 std::max(interest + kExceeded * error, (kClearOfZero + kExceeded) * error);
         }
@@ -84,7 +82,7 @@ class Least {
         const Blocks& blocks = evidence_.all().blocks;
         return power(amount) > 0 && likeness(blocks, without_it_, {amount}, {}) < 1 &&
                (found_amounts_.empty() ||
-                likeness(blocks, evidence_.base_fit(), {amount}, found_amounts_) < kAlike);
+                likeness(blocks, evidence_.base_fit(), {amount}, found_amounts_) < kConfounded);
     }
 
     const Evidence& evidence_;
@@ -96,32 +94,32 @@ class Least {
 using Sizes = std::function<std::vector<Parameters<double>>(double factor)>;
 
 // Each coordinate alone.
-Sizes of_coordinates(const Way& way, const Eigen::VectorXd& least, const Setting& setting) {
+Sizes of_coordinates(const Candidate& candidate, const Eigen::VectorXd& least, const Setting& setting) {
     return [=](double factor) {
         std::vector<Parameters<double>> made;
         for (Eigen::Index k = 0; k < least.size(); ++k) {
             if (!std::isfinite(least(k))) continue;
             Eigen::VectorXd one = Eigen::VectorXd::Zero(least.size());
             one(k) = factor * least(k);
-            made.push_back(parameters_of(way, one, setting).first);
+            made.push_back(parameters_of(candidate, one, setting).first);
         }
         return made;
     };
 }
 
 // At a point whose amounts are sizes; what does the same as something found is not there.
-Sizes of_amounts(const Way& way, Eigen::VectorXd least, const Setting& setting) {
+Sizes of_amounts(const Candidate& candidate, Eigen::VectorXd least, const Setting& setting) {
     if (!least.array().isFinite().any()) return [](double) { return std::vector<Parameters<double>>{}; };
     least = least.array().isFinite().select(least, 0.0);
     return [=](double factor) {
-        return std::vector<Parameters<double>>{parameters_of(way, factor * least, setting).first};
+        return std::vector<Parameters<double>>{parameters_of(candidate, factor * least, setting).first};
     };
 }
 
 // Of points that are sizes themselves and whose amounts are near one; `strength` is how many times they are
 // what they have to be.
 struct Point {
-    Way way;
+    Candidate candidate;
     double strength = 0;
 };
 
@@ -138,7 +136,7 @@ Sizes of_points(std::vector<Point> points) {
         const auto limit = at_least(1);
         if (limit == points.end()) return made;
         const auto weakest = at_least(factor * limit->strength);
-        if (weakest != points.end()) made.push_back(weakest->way.at);
+        if (weakest != points.end()) made.push_back(weakest->candidate.at);
         return made;
     };
 }
@@ -146,36 +144,36 @@ Sizes of_points(std::vector<Point> points) {
 // The smallest amount that is still this effect, at the weakest point where that is enough.
 Sizes near_points(const std::vector<Point>& points, const Setting& setting) {
     constexpr std::array kAmounts{0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5, 2.0};
-    const Way* best = nullptr;
+    const Candidate* best = nullptr;
     double amount = 0;
     double least = kInfinity;
     for (const Point& p : points) {
         for (const double a : kAmounts) {
             const double strength = p.strength * a;
             if (strength < 1 || strength >= least) continue;
-            if (!parameters_of(p.way, Eigen::VectorXd::Constant(1, a), setting).second) continue;
+            if (!parameters_of(p.candidate, Eigen::VectorXd::Constant(1, a), setting).second) continue;
             least = strength;
-            best = &p.way;
+            best = &p.candidate;
             amount = a;
         }
     }
     if (best == nullptr) return [](double) { return std::vector<Parameters<double>>{}; };
-    return [way = *best, amount, setting](double factor) {
+    return [candidate = *best, amount, setting](double factor) {
         return std::vector<Parameters<double>>{
-            parameters_of(way, Eigen::VectorXd::Constant(1, factor * amount), setting).first};
+            parameters_of(candidate, Eigen::VectorXd::Constant(1, factor * amount), setting).first};
     };
 }
 
-bool moved_by_amounts(const Way& way, const Setting& setting) {
-    const Eigen::VectorXd one = Eigen::VectorXd::Ones(Eigen::Index(way.amounts.size()));
-    return parameters_of(way, one, setting).first != parameters_of(way, 2 * one, setting).first;
+bool moved_by_amounts(const Candidate& candidate, const Setting& setting) {
+    const Eigen::VectorXd one = Eigen::VectorXd::Ones(Eigen::Index(candidate.amounts.size()));
+    return parameters_of(candidate, one, setting).first != parameters_of(candidate, 2 * one, setting).first;
 }
 
 // Amounts may have any size, and are not near one.
-bool is_size(const Way& way, const Setting& setting) {
+bool is_size(const Candidate& candidate, const Setting& setting) {
     constexpr double kSmall = 1e-3;
-    const Eigen::VectorXd small = Eigen::VectorXd::Constant(Eigen::Index(way.amounts.size()), kSmall);
-    return parameters_of(way, small, setting).second;
+    const Eigen::VectorXd small = Eigen::VectorXd::Constant(Eigen::Index(candidate.amounts.size()), kSmall);
+    return parameters_of(candidate, small, setting).second;
 }
 
 }  // namespace
@@ -185,22 +183,22 @@ std::vector<Detectable> detectable(const Evidence& evidence, const Members& foun
     const Least least(evidence, found);
     std::vector<Detectable> all_effects;
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        const std::vector<Way> all = evidence.ways(i);
+        const std::vector<Candidate> all = evidence.candidates(i);
         if (all.empty() || contains(found, i)) continue;
-        const Way& middle = all[all.size() / 2];
-        if (middle.kind == Way::Kind::focus) continue;  // the look at the grid has told
+        const Candidate& middle = all[all.size() / 2];
+        if (middle.kind == Candidate::Kind::linearised) continue;  // its starting points have shown
         Detectable d;
         d.effect = i;
         d.size.assign(model::kEffects[i].parameters.size(), kInfinity);
-        if (middle.kind == Way::Kind::linear) {
-            const Way& way = all.front();
-            const Eigen::VectorXd size = least.of(way);
-            d.parameters = of_coordinates(way, size, setting);
-            for (std::size_t k = 0; k < way.amounts.size(); ++k) {
-                const std::size_t at = way.coordinate[k];
+        if (middle.kind == Candidate::Kind::linear) {
+            const Candidate& candidate = all.front();
+            const Eigen::VectorXd size = least.of(candidate);
+            d.parameters = of_coordinates(candidate, size, setting);
+            for (std::size_t k = 0; k < candidate.amounts.size(); ++k) {
+                const std::size_t at = candidate.coordinate[k];
                 if (model::kLinearInParameters[i]) d.size[at] = size(Eigen::Index(k));
             }
-            if (way.together) d.size.assign(d.size.size(), size(0));
+            if (candidate.together) d.size.assign(d.size.size(), size(0));
             if (!model::kLinearInParameters[i]) {  // the parameters of the coordinate that needs most
                 Parameters<double> most{};
                 for (const auto& p : d.parameters(1)) most = std::abs(p[0]) > std::abs(most[0]) ? p : most;
@@ -211,7 +209,8 @@ std::vector<Detectable> detectable(const Evidence& evidence, const Members& foun
                 d.parameters = of_amounts(middle, least.of(middle), setting);
             } else {
                 std::vector<Point> points;
-                for (const Way& way : all) points.push_back({way, 1 / least.of(way)(0)});
+                for (const Candidate& candidate : all)
+                    points.push_back({candidate, 1 / least.of(candidate)(0)});
                 d.parameters = moved_by_amounts(middle, setting) ? near_points(points, setting)
                                                                  : of_points(std::move(points));
             }

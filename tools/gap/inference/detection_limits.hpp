@@ -3,8 +3,8 @@
 
 #include <vector>
 
-#include "tools/gap/gap_evidence.hpp"
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/evidence.hpp"
+#include "tools/gap/inference/search.hpp"
 
 namespace wheelwright::gap {
 

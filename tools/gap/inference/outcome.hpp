@@ -1,13 +1,13 @@
-// What is said of the effects that a search has found: their parameters and how far these are known, which
-// rivals are not ruled out, what else the log could have shown, and the verdict.
+// What is said of the effects that a search has found: their parameters and how far these are known, and
+// which rivals are not ruled out.
 #pragma once
 
 #include <cstddef>
 #include <map>
 #include <vector>
 
-#include "tools/gap/gap_evidence.hpp"
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/evidence.hpp"
+#include "tools/gap/inference/search.hpp"
 
 namespace wheelwright::gap {
 
@@ -20,7 +20,7 @@ void describe_effects(const Evidence& evidence, const std::map<std::size_t, doub
 // that were fitted to.
 double closed_share(const Blocks& held_out, const Search& found);
 
-// `verdict` and its `reason`, from all else.
-void judge(const Evidence& evidence, Search& found);
+// The named effects with parameters and intervals taken from `after` anew, once that has been refined.
+std::vector<NamedEffect> described_anew(const Search& search, const Setting& setting);
 
 }  // namespace wheelwright::gap

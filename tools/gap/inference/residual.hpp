@@ -1,10 +1,10 @@
-// What a search leaves: whether the rest depends on a place of gap_places.hpp, and what that changes of the
-// verdict.
+// What a search leaves: whether that depends on a place of places.hpp, and what follows for the verdict.
 #pragma once
 
 #include <span>
+#include <vector>
 
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/search.hpp"
 #include "tools/gap/inference/sensor_evidence.hpp"
 #include "tools/gap/model/rows.hpp"
 
@@ -15,12 +15,15 @@ struct ResidualOptions {
     model::EffectSet<double> found;  // `after`, as the search's own dictionary has it
     Known known;
     std::span<const LogPart> training;
-    BlockOptions blocks;  // without a dictionary: it has one of its own, without grids
+    BlockOptions blocks;  // without a dictionary: it has one of its own, without starting points
     bool turning = true;
 };
 
-// Sets the places. What depends on one, by more than chance and by enough, is not explained by what was
-// named: then the verdict is `unexplained`, with the reason. Costs a pass over the training parts.
-void judge_residual(Search& search, const ResidualOptions& options);
+struct Residual {
+    std::vector<Place> where;
+    Conclusion conclusion;  // the search's, as the places leave it
+};
+// Costs a pass over the training parts.
+Residual residual_of(const Search& search, const ResidualOptions& options);
 
 }  // namespace wheelwright::gap

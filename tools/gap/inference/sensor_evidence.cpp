@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <utility>
 
-#include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/inference/statistics.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -47,16 +46,20 @@ Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded
     for (const SensorEffect& e : sensors.effects) {
         if (e.effect != kLag) continue;
         known.given[kLag] = {e.value};
-        known.large_gap = kGapBehindLag;
+        known.large_gap = kPolicy.gap_behind_lag;
     }
     if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
     const Bend bend = bend_of(*sensors.gyro, track_m);
     if (bend.size + 3 * bend.error < kSmallMismatch) known.excluded.push_back(kMismatch);
+    if (bend.size > kSmallMismatch + 3 * bend.error && !is_among(excluded, kMismatch))
+        known.shown.push_back(kMismatch);
     return known;
 }
 
-void name_what_sensors_show(Search& search, const Sensors& sensors, const Known& known, double track_m) {
-    for (NamedEffect& e : search.effects) {
+BesideSensors beside_sensors(std::vector<NamedEffect> found, const Sensors& sensors, const Known& known,
+                             std::span<const std::size_t> excluded, double track_m) {
+    BesideSensors result;
+    for (NamedEffect& e : found) {
         if (!sensors.gyro || e.effect != kMismatch) continue;
         // gyro = omega + x v / b with x = relative / (1 + relative / 2), both wheels' mean radius kept
         const double bend = sensors.gyro->bend_per_m * track_m;
@@ -71,28 +74,20 @@ void name_what_sensors_show(Search& search, const Sensors& sensors, const Known&
         named.effect = e.effect;
         named.probability = 0;
         named.parameters.push_back(estimate(e.value, e.standard_error));
-        search.effects.push_back(named);
+        found.push_back(named);
+        result.shown = true;
     }
-    if (search.verdict == Verdict::nothing_missing && !search.effects.empty()) {
-        search.closable_share = std::numeric_limits<double>::quiet_NaN();  // it moves no wheel
-        search.verdict = Verdict::named;
-        search.reason = "what a sensor reports shows it directly";
-    }
-}
-
-void judge_by_sensors(Search& search, const Sensors& sensors, std::span<const std::size_t> excluded,
-                      double track_m) {
-    const auto say = [&](const char* place, const std::string& what) {
-        std::erase_if(search.where, [&](const Place& p) { return p.name == place; });
-        search.where.insert(search.where.begin(), {place, 1.0});
-        search.verdict = Verdict::unexplained;
-        search.reason = "the gyro shows " + what + ", which no effect that was looked for does";
+    result.effects = std::move(found);
+    const auto deny = [&](const char* place, const char* what) {
+        result.denied.insert(result.denied.begin(), {place, what});
     };
-    if (sensors.late_report) say("lag", "that the wheel speeds are reported late");
-    if (!sensors.gyro || !is_among(excluded, kMismatch)) return;
-    const Bend bend = bend_of(*sensors.gyro, track_m);
-    if (bend.size > kSmallMismatch + 3 * bend.error)
-        say("coupling of turning and driving", "that the robot turns as it drives straight on");
+    if (sensors.late_report) deny("lag", "that the wheel speeds are reported late");
+    if (sensors.gyro && is_among(excluded, kMismatch)) {
+        const Bend bend = bend_of(*sensors.gyro, track_m);
+        if (bend.size > kSmallMismatch + 3 * bend.error)
+            deny("coupling of turning and driving", "that the robot turns as it drives straight on");
+    }
+    return result;
 }
 
 }  // namespace wheelwright::gap

@@ -1,5 +1,5 @@
 // What is known without a search: what the sensors show, what is excluded on request, and what both mean for
-// the search and its verdict.
+// the search and for what is said.
 #pragma once
 
 #include <cstddef>
@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "tools/gap/gap_search.hpp"
+#include "tools/gap/inference/search.hpp"
 #include "tools/gap/logs/sensors.hpp"
 #include "tools/logs/measured_log.hpp"
 
@@ -21,21 +21,27 @@ struct Known {
     // No free run gets better with them: they are not named, but may be what a like one that is named stands
     // for.
     std::vector<std::size_t> rivals_only;
-    double large_gap = kLargeGap;  // more left than this is not explained
-    bool white_noise = true;       // of the wheel speeds
+    std::vector<std::size_t> shown;  // are there: a sensor shows it, and the rows are to tell how they act
+    double large_gap = kPolicy.gap;  // more left than this is not explained
+    bool white_noise = true;         // of the wheel speeds
 
     // Something is known only so well: less than `large_gap` may be left by that.
     bool roughly() const { return !given.empty() || !white_noise; }
 };
 Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded, double track_m);
 
-// Adds to what was found what the sensors show, which comes from no search but is as much a part of it, and
-// takes unequal radii from the gyro: that tells them better than any acceleration.
-void name_what_sensors_show(Search& search, const Sensors& sensors, const Known& known, double track_m);
-
-// A sensor that shows directly an effect that is excluded: nothing else does that, and the
-// verdict is `unexplained`.
-void judge_by_sensors(Search& search, const Sensors& sensors, std::span<const std::size_t> excluded,
-                      double track_m);
+// What was found, with unequal radii by the gyro, which tells them better than any acceleration, and with
+// what sensors show, which comes from no search but is as much a part of it: `shown` says whether there is
+// such. What is excluded and yet shown is `denied`.
+struct BesideSensors {
+    std::vector<NamedEffect> effects;
+    bool shown = false;
+    struct Denied {
+        std::string place, what;  // where it shows, and what the gyro shows
+    };
+    std::vector<Denied> denied;  // the last one first
+};
+BesideSensors beside_sensors(std::vector<NamedEffect> found, const Sensors& sensors, const Known& known,
+                             std::span<const std::size_t> excluded, double track_m);
 
 }  // namespace wheelwright::gap

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include "sim_hal/plant.hpp"
-#include "tools/gap/gap_thresholds.hpp"
+#include "tools/gap/inference/policy.hpp"
 
 namespace wheelwright::gap {
 namespace {
@@ -45,12 +45,13 @@ MeasuredLog simulate(const Confusion& c, const excite::Motion& motion, double si
 }
 
 // As in the named model where it is one of its members, else with all it can do.
-Way way_of(const Dictionary& dictionary, std::size_t effect, const std::vector<Way>& members) {
-    if (!dictionary.ways(effect).empty()) return dictionary.ways(effect).back();
-    for (const Way& way : members) {
-        if (way.effect == effect) return way;
+Candidate candidate_of(const Dictionary& dictionary, std::size_t effect,
+                       const std::vector<Candidate>& members) {
+    if (!dictionary.candidates(effect).empty()) return dictionary.candidates(effect).back();
+    for (const Candidate& candidate : members) {
+        if (candidate.effect == effect) return candidate;
     }
-    Way all;
+    Candidate all;
     all.effect = effect;
     for (auto [c, end] = dictionary.linear_columns(effect); c < end; ++c) all.amounts.push_back({{c}});
     return all;
@@ -58,25 +59,20 @@ Way way_of(const Dictionary& dictionary, std::size_t effect, const std::vector<W
 
 // With `effect` in the place of the one named.
 Fit fit_with(const Blocks& blocks, const Dictionary& dictionary, const Confusion& c, std::size_t effect) {
-    ModelShape shape;
-    shape.amounts.push_back({{Dictionary::kTiming}});
-    const auto add = [&](const Way& way) {
-        shape.amounts.insert(shape.amounts.end(), way.amounts.begin(), way.amounts.end());
-        shape.fixed.insert(shape.fixed.end(), way.fixed.begin(), way.fixed.end());
-    };
-    for (const Way& member : c.members) {
+    Members members;
+    for (const Candidate& member : c.members) {
         if (member.effect != c.effect && member.effect != effect)
-            add(way_of(dictionary, member.effect, c.members));
+            members.push_back(candidate_of(dictionary, member.effect, c.members));
     }
-    add(way_of(dictionary, effect, c.members));
-    return fit(blocks, shape);
+    members.push_back(candidate_of(dictionary, effect, c.members));
+    return fit(blocks, shape_of(members, true));
 }
 
 // Grids, which are most of the work, only where a rival is known by nothing else.
 Dictionary dictionary_for(const Confusion& c, const Setting& setting) {
     Dictionary dictionary(setting, c.points, false);
     const auto [first, end] = dictionary.linear_columns(c.rival);
-    if (first == end && dictionary.ways(c.rival).empty()) return {setting, c.points};
+    if (first == end && dictionary.candidates(c.rival).empty()) return {setting, c.points};
     return dictionary;
 }
 
@@ -105,7 +101,7 @@ double clearness(const Confusion& c, const MeasuredLog& log) {
     const double difference = fit_with(blocks, dictionary, c, c.rival).squares - named.squares;
     if (difference < kLeastDifference) return 0;
     return difference /
-           (rows + named.squares + kSizeOfInterest * kSizeOfInterest * torque_squares(blocks, named));
+           (rows + named.squares + kPolicy.effect * kPolicy.effect * torque_squares(blocks, named));
 }
 
 }  // namespace

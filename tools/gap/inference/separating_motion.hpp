@@ -5,7 +5,7 @@
 
 #include "firmware/model/effects.hpp"
 #include "tools/excite/motions.hpp"
-#include "tools/gap/gap_fit.hpp"
+#include "tools/gap/model/members.hpp"
 
 namespace wheelwright::gap {
 
@@ -15,7 +15,7 @@ struct Confusion {
     Setting setting;
     Points points;                     // of effects that are not linear
     model::EffectSet<double> effects;  // with the one named
-    std::vector<Way> members;          // of that model: whether left and right are one parameter
+    Members members;                   // of that model: whether left and right are one parameter
     double torque_rms_Nm = 0;          // that the robot was driven with, and
     double speed_rms_rad_per_s = 0;    // the wheel speeds it had: no motion goes beyond twice that
     WheelPair<double> noise_rad_per_s;

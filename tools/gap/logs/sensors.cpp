@@ -160,7 +160,7 @@ std::size_t samples_together(const MeasuredLog& log) {
     return std::max<std::size_t>(1, together);
 }
 
-// `step`: that the speeds are told in; 0: none.
+// `step`: that the speeds are reported in; 0: none.
 void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
                std::vector<LogFault>& faults) {
     const auto still = [&](std::size_t i) {
@@ -187,8 +187,8 @@ void mark_held(const MeasuredLog& log, double step, std::vector<bool>& unusable,
         i = std::max(end, i + 1);
     }
     const double chance = moving > 0 ? alone / moving : 1.0;
-    // told in steps a steady speed repeats, and goes on by one of them, or as fast as it goes on from there:
-    // behind samples that were lost it leaps by what all of them lacked
+    // reported in steps a steady speed repeats, and goes on by one of them, or as fast as it goes on from
+    // there: behind samples that were lost it leaps by what all of them lacked
     const auto goes_on = [&](std::size_t end) {
         if (step == 0 || end >= log.samples.size()) return step > 0;
         return std::all_of(kSides.begin(), kSides.end(), [&](const Side side) {
@@ -277,7 +277,7 @@ struct Lag {
         of_this = 1 - mean;
     }
     // of the variance of white noise
-    double share_left() const {
+    double share_remaining() const {
         return (of_last * of_last + of_this * of_this + 2 * keeps * of_last * of_this) / (1 - keeps * keeps);
     }
 };
@@ -286,7 +286,7 @@ struct Lag {
 double noise_squares(const std::vector<MeasuredLog>& logs, const Noise& noise, double lag_s) {
     double sum = 0;
     for (std::size_t l = 0; l < logs.size(); ++l)
-        sum += noise.gyro[l] * Lag(lag_s, logs[l].period_s).share_left() *
+        sum += noise.gyro[l] * Lag(lag_s, logs[l].period_s).share_remaining() *
                static_cast<double>(logs[l].samples.size());
     return sum;
 }
@@ -304,7 +304,7 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
     for (std::size_t l = 0; l < logs.size(); ++l) {
         const MeasuredLog& log = logs[l];
         const Lag lag(lag_s, log.period_s);
-        const double noise_left = noise.gyro[l] * lag.share_left();
+        const double noise_remaining = noise.gyro[l] * lag.share_remaining();
         double late = log.samples.front().gyro_rad_per_s;
         const auto length = static_cast<std::size_t>(std::max(4.0, kGyroBlock_s / log.period_s));
         for (std::size_t i = 0; i < log.samples.size(); ++i) {
@@ -316,7 +316,7 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
             const Eigen::Vector3d x(1, u.omega_rad_per_s, u.v_m_per_s);
             blocks.back().xx += x * x.transpose() - noise.wheels;
             blocks.back().xy += late * x;
-            blocks.back().yy += late * late - noise_left;
+            blocks.back().yy += late * late - noise_remaining;
         }
     }
     GyroFit fit;

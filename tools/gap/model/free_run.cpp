@@ -5,7 +5,7 @@
 #include <type_traits>
 
 #include "sim_hal/plant.hpp"
-#include "tools/gap/tyre_slip.hpp"
+#include "tools/gap/hypotheses/tyre_slip.hpp"
 
 namespace wheelwright::gap {
 namespace {

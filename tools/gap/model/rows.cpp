@@ -105,7 +105,7 @@ class Maker {
         while (i < last) {
             // a run without a wheel that stands while the other turns, or a sample that cannot be used
             std::size_t run = i;
-            while (run < last && !left_out(part, run, last)) ++run;
+            while (run < last && !unusable(part, run, last)) ++run;
             const auto length = static_cast<int>(run - i);
             if (length >= shortest) {
                 const int pieces = std::max(1, static_cast<int>(std::lround(double(length) / longest)));
@@ -119,14 +119,14 @@ class Maker {
             } else {
                 for (std::size_t n = i; n < run; ++n) pass(part, n);
             }
-            for (i = run; i < last && left_out(part, i, last); ++i) {
+            for (i = run; i < last && unusable(part, i, last); ++i) {
                 pass(part, i);
             }
         }
     }
 
     void finish() {
-        if (looked_at_ > 0) to_.wheel_power /= double(looked_at_);
+        if (used_ > 0) to_.wheel_power /= double(used_);
         to_.torque_rms_Nm = std::sqrt(to_.wheel_power(Dictionary::kTorque, Dictionary::kTorque));
     }
 
@@ -155,7 +155,7 @@ class Maker {
         }
         return true;
     }
-    bool left_out(const LogPart& part, std::size_t i, std::size_t last) const {
+    bool unusable(const LogPart& part, std::size_t i, std::size_t last) const {
         if (part.unusable != nullptr && ((*part.unusable)[i] || (*part.unusable)[i + 1])) return true;
         const MeasuredLog& log = *part.log;
         return standing(log, i, last, &WheelPair<double>::left) !=
@@ -205,8 +205,8 @@ class Maker {
         std::array<Eigen::MatrixXd, kEquations> x;
         // column by interval, so that an interval's values lie side by side; last what was measured
         for (Eigen::MatrixXd& m : x) m = Eigen::MatrixXd::Zero(fresh_count_ + 1, intervals);
-        const Eigen::Index looked_at = (intervals + kPowerOf - 1) / kPowerOf;
-        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(2 * looked_at, fresh_count_);
+        const Eigen::Index used = (intervals + kPowerOf - 1) / kPowerOf;
+        Eigen::MatrixXd wheels = Eigen::MatrixXd::Zero(2 * used, fresh_count_);
         const Eigen::Index product = slot_[Dictionary::kProduct];
         for (std::size_t n = begin; n < end; ++n) {
             const auto row = static_cast<Eigen::Index>((n - begin) / together);
@@ -240,7 +240,7 @@ class Maker {
                 wheels(2 * (row / kPowerOf) + 1, column) = share * pair.right;
             });
         }
-        looked_at_ += looked_at;
+        used_ += used;
 
         Block made;
         const double step_s = dt * double(together);
@@ -288,7 +288,7 @@ class Maker {
     const BlockOptions& options_;
     BlockSet& to_;
     model::Geometry<double> geometry_;
-    Eigen::Index looked_at_ = 0;
+    Eigen::Index used_ = 0;
     KeptColumns nothing_kept_;
     KeptColumns& kept_;
     std::vector<bool> fresh_;         // columns that are to be made
@@ -329,16 +329,22 @@ Likely likeliest(const Rests& rests, double Rests::Band::*squares) {
     constexpr double kSteepest = 1e3;  // corner over the highest frequency: all is the accelerations' noise
     const double lowest = Rests::frequency_Hz(rests.bands.begin()->first);
     const double highest = Rests::frequency_Hz(rests.bands.rbegin()->first);
+    struct Of {
+        double frequency_squared, rows, squares;
+    };
+    std::vector<Of> all;
+    for (const auto& [band, of] : rests.bands)
+        all.push_back({std::pow(Rests::frequency_Hz(band), 2), of.rows, of.*squares});
     Likely best;
     for (double slowest = 0; slowest<highest; slowest = slowest> 0 ? kStep * slowest : lowest) {
         for (double corner = 0;
              corner<kSteepest * highest; corner = corner> 0 ? kStep * corner : lowest / 4) {
             double sum = 0;
             double shape = 0;
-            for (const auto& [band, of] : rests.bands) {
+            for (const Of& of : all) {
                 const double power =
-                    Colour{{1, 1}, {corner, corner}, {slowest, slowest}}.power(0, Rests::frequency_Hz(band));
-                sum += of.*squares / power;
+                    1 + corner * corner / (of.frequency_squared + slowest * slowest);  // Colour's
+                sum += of.squares / power;
                 shape += of.rows * std::log(power);
             }
             const double level = std::max(1.0, sum / rests.rows);  // the sensor's noise at least
@@ -358,8 +364,10 @@ Rests rests_of(const BlockSet& set, std::size_t e, const std::vector<int>& colum
     std::vector<Eigen::MatrixXd> rows;
     for (const Block& block : set.blocks) {
         rows.emplace_back(block.row[e](Eigen::all, with_y));
-        for (Eigen::Index k = 0; k < rows.back().rows(); ++k)
-            rows.back().row(k) /= std::sqrt(colour.power(e, frequency_Hz(block, k)));
+        Eigen::ArrayXd root(rows.back().rows());
+        for (Eigen::Index k = 0; k < root.size(); ++k)
+            root(k) = std::sqrt(colour.power(e, frequency_Hz(block, k)));
+        if (root.maxCoeff() != 1 || root.minCoeff() != 1) rows.back().array().colwise() /= root;
         sum += times_itself(rows.back().transpose());
     }
     Eigen::MatrixXd normal = sum.topLeftCorner(count, count);
@@ -418,9 +426,13 @@ Colour colour_of_rest(const BlockSet& set, std::span<const std::vector<int>> col
             for (int pass = 0; pass < kPasses; ++pass) {
                 rests = rests_of(set, e, some, colour);
                 const Likely likely = likeliest(rests, &Rests::Band::set_right);
+                // as it was but for its level, which no fit depends on: another pass would find it again
+                const bool settled = likely.corner_Hz == colour.corner_Hz[e] &&
+                                     (likely.corner_Hz == 0 || likely.slowest_Hz == colour.slowest_Hz[e]);
                 colour.level[e] = likely.level;
                 colour.corner_Hz[e] = likely.corner_Hz;
                 colour.slowest_Hz[e] = likely.slowest_Hz;
+                if (settled) break;
             }
             const double criterion =
                 likeliest(rests, &Rests::Band::squares).unlikely + rests.columns * std::log(rests.rows);

@@ -28,8 +28,8 @@
 #include <vector>
 
 #include "firmware/model/dynamics.hpp"
-#include "tools/gap/gap_columns.hpp"
 #include "tools/gap/logs/experiment.hpp"
+#include "tools/gap/model/columns.hpp"
 
 namespace wheelwright::gap {
 

@@ -110,9 +110,9 @@ bool has(const std::vector<NamedEffect>& effects, std::size_t effect) {
     return std::any_of(effects.begin(), effects.end(), [&](const auto& e) { return e.effect == effect; });
 }
 
-void count(const Search& search, const std::vector<NamedEffect>& at_first, Detection& sum) {
+void count(const Findings& found, const std::vector<NamedEffect>& at_first, Detection& sum) {
     ++sum.logs;
-    if (has(search.effects, sum.effect)) {
+    if (has(found.effects, sum.effect)) {
         ++sum.named;
         return;
     }
@@ -121,12 +121,12 @@ void count(const Search& search, const std::vector<NamedEffect>& at_first, Detec
                            [&](const Rival& r) { return r.effect == sum.effect; });
     };
     const auto is_new = [&](const NamedEffect& e) { return !has(at_first, e.effect); };
-    if (std::any_of(search.effects.begin(), search.effects.end(),
+    if (std::any_of(found.effects.begin(), found.effects.end(),
                     [&](const NamedEffect& e) { return is_new(e) && stands_beside(e); })) {
         ++sum.confounded;
-    } else if (std::any_of(search.effects.begin(), search.effects.end(), is_new)) {
+    } else if (std::any_of(found.effects.begin(), found.effects.end(), is_new)) {
         ++sum.elsewhere;
-        for (const NamedEffect& e : search.effects) {
+        for (const NamedEffect& e : found.effects) {
             if (is_new(e)) sum.instead.insert(e.effect);
         }
     }
@@ -211,7 +211,7 @@ std::vector<Detection> verify_detection(const Request& request, const Findings& 
         const std::scoped_lock lock(mutex);
         for (Detection& sum : sums) {
             if (sum.effect != task.of->effect || sum.factor != task.factor) continue;
-            count(found.search, findings.search.effects, sum);
+            count(found, findings.effects, sum);
         }
         return std::string(model::kEffects[task.of->effect].name);
     });

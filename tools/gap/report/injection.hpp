@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "tools/cli/progress_line.hpp"
-#include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/analysis.hpp"
 
 namespace wheelwright::gap {
 

@@ -7,7 +7,7 @@
 
 #include "tools/cli/report.hpp"
 #include "tools/excite/motions.hpp"
-#include "tools/gap/gap_statistics.hpp"
+#include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/report/robot_files.hpp"
 
 namespace wheelwright::gap {
@@ -41,8 +41,8 @@ std::string words(const Findings& f) {
     std::string text;
     const auto line = [&](const std::string& l) { text += l + "\n"; };
     for (const std::string& note : f.notes) line("Note: " + note);
-    line(std::string("Verdict: ") + verdict_name(s.verdict) + ": " + s.reason + ".");
-    for (const NamedEffect& e : s.effects) {
+    line(std::string("Verdict: ") + verdict_name(f.conclusion.verdict) + ": " + f.conclusion.reason + ".");
+    for (const NamedEffect& e : f.effects) {
         const model::EffectInfo& info = model::kEffects[e.effect];
         line("");
         line(std::string(info.name) + ": " + std::string(info.meaning));
@@ -56,14 +56,14 @@ std::string words(const Findings& f) {
         }
         for (const Rival& r : e.rivals) {
             line("  rival: " + name_of(r.effect) +
-                 (r.alike ? ", the same in every motion of this log" : ", not ruled out") +
+                 (r.confounded ? ", the same in every motion of this log" : ", not ruled out") +
                  "; told apart by: " + words_of(r));
         }
     }
-    if (!s.where.empty()) {
+    if (!f.where.empty()) {
         line("");
         line("Where simulation and measurement part (share of the closable gap that depends on it):");
-        for (const Place& p : s.where) line("  " + p.name + ": " + number_text(100 * p.explains, 3) + " %");
+        for (const Place& p : f.where) line("  " + p.name + ": " + number_text(100 * p.explains, 3) + " %");
     }
     if (!s.unknowable.empty()) line("This log cannot show: " + joined(s.unknowable));
     if (!f.heldout.empty()) {
@@ -108,11 +108,11 @@ std::string json(const Findings& f, const Request& request) {
         out["effects"] = Json::array();
         return out.dump(2) + "\n";
     }
-    out["verdict"] = verdict_name(s.verdict);
-    out["reason"] = s.reason;
+    out["verdict"] = verdict_name(f.conclusion.verdict);
+    out["reason"] = f.conclusion.reason;
     out["effects"] = Json::array();
     Json advice = Json::array();
-    for (const NamedEffect& e : s.effects) {
+    for (const NamedEffect& e : f.effects) {
         const model::EffectInfo& info = model::kEffects[e.effect];
         Json effect;
         effect["name"] = info.name;
@@ -131,7 +131,7 @@ std::string json(const Findings& f, const Request& request) {
         effect["rivals"] = Json::array();
         for (const Rival& r : e.rivals) {
             effect["rivals"].push_back({{"name", name_of(r.effect)},
-                                        {"same_in_this_log", r.alike},
+                                        {"same_in_this_log", r.confounded},
                                         {"keeps", r.keeps},
                                         {"separated_by", words_of(r)}});
             Json one{{"tell", info.name}, {"from", name_of(r.effect)}, {"motion", words_of(r)}};
@@ -149,7 +149,7 @@ std::string json(const Findings& f, const Request& request) {
         out["effects"].push_back(effect);
     }
     Json shift = Json::object();
-    const double quantile = interval_quantile(s.blocks);
+    const double quantile = interval_quantile(double(s.blocks));
     for (const KFigure& k : known_k(f.after, f.after_error, s.unknowable)) {
         Json one{{"value", k.value},
                  {"standard_error", k.error},
@@ -168,7 +168,7 @@ std::string json(const Findings& f, const Request& request) {
     out["without"] = Json::array();
     for (const std::size_t effect : request.without) out["without"].push_back(name_of(effect));
     out["where"] = Json::array();
-    for (const Place& p : s.where) out["where"].push_back({{"place", p.name}, {"explains", p.explains}});
+    for (const Place& p : f.where) out["where"].push_back({{"place", p.name}, {"explains", p.explains}});
     out["detectable"] = Json::object();
     for (const Detectable& d : s.detectable) {
         const model::EffectInfo& info = model::kEffects[d.effect];
@@ -194,7 +194,7 @@ std::string json(const Findings& f, const Request& request) {
     gap["after"] = s.gap_after;
     gap["floor"] = s.floor;
     gap["closable_torque_share"] = s.closable_torque_share;
-    gap["left_torque_share"] = s.left_torque_share;
+    gap["left_torque_share"] = s.residual_torque_share;
     Json heldout;
     heldout["from_s"] = f.heldout_from_s;
     heldout["duration_s"] = f.heldout_s;
@@ -223,7 +223,7 @@ std::string json(const Findings& f, const Request& request) {
     gap["heldout"] = heldout;
     out["gap"] = gap;
     out["heldout"] = heldout;
-    out["closable_share"] = s.closable_share;
+    out["closable_share"] = f.closable_share;
     if (f.closed_loop) {
         const auto one = [](const FigureEight& drive) {
             Json figures{{"driven", drive.driven}};

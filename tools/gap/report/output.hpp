@@ -5,7 +5,7 @@
 #include <span>
 #include <string>
 
-#include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/analysis.hpp"
 
 namespace wheelwright::gap {
 

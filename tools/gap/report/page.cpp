@@ -16,7 +16,7 @@ using report::Section;
 using report::Tone;
 using tools::number_text;
 
-constexpr double kSmallest = 1e-6;  // probability that is told in figures
+constexpr double kSmallest = 1e-6;  // probability that is printed
 
 std::string code(const std::string& text) { return std::string("`").append(text).append("`"); }
 std::string percent(double share, int digits = 3) { return number_text(100 * share, digits) + " %"; }
@@ -26,13 +26,13 @@ std::string millimetres(double metres) { return number_text(1e3 * metres, 3) + "
 struct VerdictWords {
     std::string title, lead;
 };
-VerdictWords words_of(const Search& s) {
-    switch (s.verdict) {
+VerdictWords words_of(const Findings& f) {
+    switch (f.conclusion.verdict) {
         case Verdict::named: {
             std::string names;
-            for (std::size_t i = 0; i < s.effects.size(); ++i) {
-                const bool last = i + 1 == s.effects.size();
-                names += (i == 0 ? "" : last ? " and " : ", ") + name_of(s.effects[i].effect);
+            for (std::size_t i = 0; i < f.effects.size(); ++i) {
+                const bool last = i + 1 == f.effects.size();
+                names += (i == 0 ? "" : last ? " and " : ", ") + name_of(f.effects[i].effect);
             }
             return {"The model lacks " + names,
                     "What is named below explains the difference on parts of the log that were not used to "
@@ -59,7 +59,7 @@ VerdictWords words_of(const Search& s) {
 
 void key_figures(report::Page& page, const Findings& f) {
     std::vector<report::KeyFigure> figures;
-    for (const NamedEffect& e : f.search.effects) {
+    for (const NamedEffect& e : f.effects) {
         figures.push_back(
             {name_of(e.effect), percent(e.closes), "of what a model can explain of the difference"});
     }
@@ -167,16 +167,16 @@ void missing_torque(Section& s, const Curve& curve) {
 }
 
 void where(report::Page& page, const Findings& f) {
-    if (f.against_speed.x.empty() && f.search.where.empty()) return;
+    if (f.against_speed.x.empty() && f.where.empty()) return;
     Section& s = page.section("Where they part");
     if (!f.against_speed.x.empty()) missing_torque(s, f.against_speed);
-    if (f.search.where.empty()) return;
+    if (f.where.empty()) return;
     s.text(
         "Before anything is named, the difference is compared with everything the motion offers. The shares "
         "overlap, as speed, torque and direction go together in most drives.");
     report::Table table{
         "What the difference depends on", {{"place"}, {"share of the difference / %", true}}, {}};
-    for (const Place& p : f.search.where) table.rows.push_back({p.name, number_text(100 * p.explains, 3)});
+    for (const Place& p : f.where) table.rows.push_back({p.name, number_text(100 * p.explains, 3)});
     s.table(table);
 }
 
@@ -214,7 +214,7 @@ void evidence(Section& s, const NamedEffect& e) {
                         true};
     for (const Rival& r : e.rivals) {
         table.rows.push_back({name_of(r.effect), number_text(100 * r.keeps, 3),
-                              r.alike ? "does the same in every motion of this log" : "not ruled out"});
+                              r.confounded ? "does the same in every motion of this log" : "not ruled out"});
     }
     std::vector<Rival> out = e.ruled_out;
     std::sort(out.begin(), out.end(), [](const Rival& a, const Rival& b) { return a.keeps > b.keeps; });
@@ -244,8 +244,8 @@ void evidence(Section& s, const NamedEffect& e) {
 
 void missing(report::Page& page, const Findings& f) {
     Section& s = page.section("What is missing, and why that");
-    if (f.search.effects.empty()) s.text("No effect is named: " + f.search.reason + ".");
-    for (const NamedEffect& e : f.search.effects) {
+    if (f.effects.empty()) s.text("No effect is named: " + f.conclusion.reason + ".");
+    for (const NamedEffect& e : f.effects) {
         const model::EffectInfo& info = model::kEffects[e.effect];
         s.text(code(std::string(info.name)) + ": " + std::string(info.meaning) +
                ". Where its equation comes from: " + std::string(info.source) + ".");
@@ -352,7 +352,7 @@ void about(report::Page& page, const Findings& f, const Request& request) {
 }  // namespace
 
 void write_page(const Findings& f, const Request& request, const std::string& path) {
-    const VerdictWords verdict = words_of(f.search);
+    const VerdictWords verdict = words_of(f);
     report::Page page(verdict.title,
                       "A robot was driven and its torques and wheel speeds were logged. A simulated robot "
                       "was given the same torques. This page shows where the two part, and why. " +

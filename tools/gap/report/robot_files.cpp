@@ -111,7 +111,7 @@ std::vector<FileChange> changes(const Findings& f, const Request& request) {
     const std::string logs = names_of(request.logs);
     std::vector<FileChange> all = geometry_changes(request);
     add_dynamics(known_k(f.after, f.after_error, f.search.unknowable), logs, all);
-    for (const NamedEffect& e : f.search.effects) {
+    for (const NamedEffect& e : f.effects) {
         if (!e.in_file) continue;
         const model::EffectInfo& info = model::kEffects[e.effect];
         const std::string table = "effects." + std::string(info.name) + ".";
@@ -126,7 +126,7 @@ std::vector<FileChange> changes(const Findings& f, const Request& request) {
         all.push_back({table + "log", logs});
     }
     // Effects that the given model had already were fitted anew with the rest.
-    add_effects(f.effects_after, f.search.effects, all);
+    add_effects(f.effects_after, f.effects, all);
     return all;
 }
 

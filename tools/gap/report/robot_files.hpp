@@ -6,7 +6,7 @@
 #include <vector>
 
 #include "firmware/task/robot_file.hpp"
-#include "tools/gap/gap_analysis.hpp"
+#include "tools/gap/analysis.hpp"
 
 namespace wheelwright::gap {
 

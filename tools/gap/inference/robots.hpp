@@ -1,0 +1,42 @@
+// The robots that the fits of a search stand for, and their refinement once it is over.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "firmware/model/robot_parameters.hpp"
+#include "tools/gap/inference/search.hpp"
+#include "tools/gap/model/free_run.hpp"
+
+namespace wheelwright::gap {
+
+// K5..K8. Where nothing is known of turning: of a robot that goes straight, with any inertia.
+model::Dynamics<double> dynamics_of(const Fit& fit, bool turning, double track_m);
+
+// K5..K8 of `after`, and for what the log cannot show (`unknowable`) some robot's: motions must be simulated
+// with something.
+model::Dynamics<double> whole_dynamics(const Search& search, bool turning, double track_m);
+
+// `setting`: of the dictionary that the fit's columns are from.
+SimulatedRobot robot_of(const std::vector<Candidate>& members, const Fit& fit, const Setting& setting,
+                        bool turning);
+
+// Of `members`, those that the model had before the search.
+std::vector<Candidate> base_members(const Search& search);
+
+// Noise in the measured speeds stands in the weak form's regressors too, and may lead it astray. Where free
+// runs over the parts miss much, they have the last word, if that is clearly better: `base`, `after`, the
+// named effects' parameters and `unknowable` are then theirs. Costs what output_error.hpp says, twice.
+Search refined(const Search& search, std::span<const LogPart> parts, const Setting& setting, bool turning,
+               double speed_rms_rad_per_s);
+
+// An effect that was found, is no friction that every drive train may have, and without which the simulated
+// robot drives as close to the logs it was found in; none: there is none. `train`: what the search worked on.
+std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
+                                                 std::span<const LogPart> parts, const Setting& setting,
+                                                 bool turning);
+
+// The robot file's own numbers in the place of the base's.
+Fit nominal_fit(const Search& search, const model::RobotParameters& robot);
+
+}  // namespace wheelwright::gap

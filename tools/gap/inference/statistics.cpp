@@ -1,0 +1,99 @@
+#include "tools/gap/inference/statistics.hpp"
+
+#include <Eigen/Cholesky>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <numeric>
+
+namespace wheelwright::gap {
+
+// By the series for whole degrees of freedom.
+double t_probability(double t, double degrees) {
+    const double angle = std::atan2(std::abs(t), std::sqrt(degrees));
+    const auto n = static_cast<int>(degrees);
+    double sum = 0;
+    if (n % 2 == 1) {
+        double term = std::cos(angle);
+        for (int k = 1; k <= n - 2; k += 2) {
+            sum += term;
+            term *= std::cos(angle) * std::cos(angle) * (k + 1) / (k + 2);
+        }
+        sum = 2 / std::numbers::pi * (angle + (n > 1 ? std::sin(angle) * sum : 0.0));
+    } else {
+        double term = 1;
+        for (int k = 0; k <= n - 2; k += 2) {
+            sum += term;
+            term *= std::cos(angle) * std::cos(angle) * (k + 1) / (k + 2);
+        }
+        sum *= std::sin(angle);
+    }
+    return std::max(0.0, 1 - sum);
+}
+
+double interval_quantile(double blocks) {
+    const double degrees = std::max(1.0, blocks - 4);
+    return kNormalQuantile + 2.4 / degrees + 3.0 / (degrees * degrees);
+}
+
+double signed_rank_probability(std::vector<double> values) {
+    std::sort(values.begin(), values.end(), [](double a, double b) { return std::abs(a) < std::abs(b); });
+    const std::size_t n = values.size();
+    if (n == 0) return 1;
+    double positive = 0;
+    for (std::size_t i = 0; i < n; ++i) {
+        if (values[i] > 0) positive += double(i + 1);
+    }
+    // exact distribution of the sum of ranks
+    const std::size_t most = n * (n + 1) / 2;
+    std::vector<double> distribution(most + 1, 0.0);
+    distribution[0] = 1;
+    for (std::size_t rank = 1; rank <= n; ++rank) {
+        for (std::size_t s = most; s >= rank; --s)
+            distribution[s] = (distribution[s] + distribution[s - rank]) / 2;
+        for (std::size_t s = 0; s < rank; ++s) distribution[s] /= 2;
+    }
+    double probability = 0;
+    for (auto s = static_cast<std::size_t>(positive); s <= most; ++s) probability += distribution[s];
+    return probability;
+}
+
+double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& covariance, double degrees) {
+    const Eigen::Index n = value.size();
+    if (n == 1) return t_probability(value(0) / std::sqrt(std::max(1e-300, covariance(0, 0))), degrees);
+    // scaled to unit variances, for left and right may be known as a sum only
+    const Eigen::VectorXd scale = covariance.diagonal().cwiseSqrt().cwiseMax(1e-300).cwiseInverse();
+    const Eigen::MatrixXd correlation = scale.asDiagonal() * covariance * scale.asDiagonal();
+    const Eigen::VectorXd z = scale.cwiseProduct(value);
+    const double square = z.dot((correlation + 1e-9 * Eigen::MatrixXd::Identity(n, n)).ldlt().solve(z));
+    // two of them: the F distribution has a closed form; more: as if there were two, times their number
+    return std::min(1.0, double(n) / 2 * std::pow(1 + square / degrees, -degrees / 2));
+}
+
+bool surely_positive(const std::vector<double>& values, double significance) {
+    const auto n = static_cast<double>(values.size());
+    const double mean = std::accumulate(values.begin(), values.end(), 0.0) / n;
+    if (!(mean > 0) || n < 2) return false;
+    double squares = 0;
+    for (const double v : values) squares += (v - mean) * (v - mean);
+    const double t = mean / std::sqrt(std::max(1e-300, squares / (n - 1) / n));
+    return signed_rank_probability(values) <= significance || t_probability(t, n - 1) <= 2 * significance;
+}
+
+bool surely_as_predicted(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
+                         double significance) {
+    constexpr double kLeast = 1.0 / 3;
+    const double degrees = static_cast<double>(gain.size()) - 1;
+    const double all_apart = std::accumulate(apart.begin(), apart.end(), 0.0);
+    if (degrees < 1 || !(all_apart > 0)) return false;
+    const double share = std::accumulate(gain.begin(), gain.end(), 0.0) / all_apart;
+    // a block's gain is as far off as chance makes it: by twice the root of what is apart and the variance
+    double spread = 0;
+    for (std::size_t b = 0; b < gain.size(); ++b)
+        spread += std::pow(gain[b] - share * apart[b], 2) / std::max(apart[b], variance);
+    spread = std::max(spread / degrees, 4 * variance);
+    return share > kLeast &&
+           t_probability((share + 1) / std::sqrt(spread / all_apart), degrees) <= significance;
+}
+
+}  // namespace wheelwright::gap
