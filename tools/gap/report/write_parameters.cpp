@@ -43,7 +43,9 @@ std::vector<Write> writes_of(const std::vector<task::FileChange>& changes) {
 int write_parameters(const std::vector<task::FileChange>& changes, const std::string& interface,
                      bool agreed) {
     using protocol::ParameterOperation;
-    const tools::LinkOptions options{interface, -1, "wheelwright gap"};
+    tools::LinkOptions options;
+    options.interface = interface;
+    options.program = "wheelwright gap";
     const std::vector<Write> writes = writes_of(changes);
     tools::catch_interrupt();
     tools::Link link(options);
