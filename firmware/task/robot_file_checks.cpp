@@ -184,15 +184,17 @@ void note_watchdogs(const model::RobotParameters& p, Diagnostics& diagnostics) {
     }
 }
 
-// What the drives do not report cannot be watched.
+// What the drives do not report cannot be watched. A zero that the file states has been thought of.
 void note_unwatched(const model::RobotParameters& p, Diagnostics& diagnostics) {
-    if (p.drive.supply_period_ms == 0) {
+    if (p.drive.supply_period_ms == 0 && !diagnostics.is_given("drive.supply_period_ms")) {
         diagnostics.note("drive.supply_period_ms",
-                         "0: the drives' supply is not watched, unless they report it all the same");
+                         "not given: the drives' supply is not watched, unless they report it all the same");
     }
-    if (p.drive.temperature_period_ms == 0 && p.drive.generation != 5) {
-        diagnostics.note("drive.temperature_period_ms",
-                         "0: the drives' temperatures are not watched, unless they report them all the same");
+    if (p.drive.temperature_period_ms == 0 && p.drive.generation != 5 &&
+        !diagnostics.is_given("drive.temperature_period_ms")) {
+        diagnostics.note(
+            "drive.temperature_period_ms",
+            "not given: the drives' temperatures are not watched, unless they report them all the same");
     }
     if (p.drive.temperature_period_ms != 0 && p.drive.generation == 5) {
         diagnostics.note("drive.temperature_period_ms",
