@@ -190,6 +190,7 @@ OdriveDrive::OdriveDrive(const OdriveConfig& config)
 }
 
 void OdriveDrive::add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s) {
+    if (frame_count_ == kMostFrames) return;
     frames_[frame_count_++] = {name, config_.node << 5U | command, 8, false, to_drive, period_s};
 }
 

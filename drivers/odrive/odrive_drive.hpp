@@ -194,7 +194,9 @@ class OdriveDrive final : public MotorDrive {
     void add_frame(std::string_view name, std::uint32_t command, bool to_drive, double period_s);
     void set_scales();
 
-    std::array<DriveFrame, 6> frames_{};
+    // Heartbeat, encoder, torque or current, supply, temperatures; the torque command.
+    static constexpr std::size_t kMostFrames = 6;
+    std::array<DriveFrame, kMostFrames> frames_{};
     std::size_t frame_count_ = 0;
 
     OdriveConfig config_;                // from here on memory()

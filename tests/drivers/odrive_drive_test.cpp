@@ -996,6 +996,14 @@ TEST(OdriveConfiguration, the_catalogue_makes_the_drive_in_place) {
     CHECK(make_drive(slot, p, Wheel::right) == nullptr);
 }
 
+TEST(OdriveConfiguration, all_reports_that_there_are_find_room_in_the_list) {
+    OdriveConfig c = config(OdriveGeneration::v0_6);
+    c.torque_period_s = c.supply_period_s = c.temperature_period_s = 0.01;
+    CHECK_EQUAL(6U, OdriveDrive(c).frames().size());
+    c.generation = OdriveGeneration::v0_5;  // tells no temperature
+    CHECK_EQUAL(5U, OdriveDrive(c).frames().size());
+}
+
 TEST(OdriveConfiguration, periodic_frames_are_listed_for_the_bus_load) {
     const OdriveDrive drive(config(OdriveGeneration::v0_5));
     double bits_per_s = 0;

@@ -7,8 +7,8 @@
 
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
-#include "tools/cli/example_robots.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/cli/robots.hpp"
 #include "tools/ctl/link.hpp"
 #include "tools/excite/excitation.hpp"
 #include "tools/sim/experiments.hpp"

@@ -17,6 +17,7 @@
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/progress_line.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/cli/robots.hpp"
 #include "tools/gap/report/injection.hpp"
 #include "tools/gap/report/output.hpp"
 #include "tools/gap/report/robot_files.hpp"
@@ -43,14 +44,6 @@ struct Options {
 int usage(const std::string& text) {
     std::fprintf(stderr, "wheelwright gap: %s\n", text.c_str());
     return kUsage;
-}
-
-std::optional<task::RobotFile> read_robot(const std::string& path) {
-    task::RobotFileResult result = task::read_robot_file(path);
-    for (const task::Diagnostic& problem : result.problems) {
-        std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
-    }
-    return std::move(result.robot);
 }
 
 // Why an option's effect is none, or "".

@@ -11,6 +11,7 @@
 #include "tools/cli/geometry_options.hpp"
 #include "tools/cli/log_options.hpp"
 #include "tools/cli/report.hpp"
+#include "tools/cli/robots.hpp"
 #include "tools/ident/findings.hpp"
 
 namespace wheelwright::tools {
@@ -28,14 +29,6 @@ struct Options {
 int usage(const std::string& message) {
     std::fprintf(stderr, "wheelwright ident: %s\n", message.c_str());
     return kUsage;
-}
-
-std::optional<task::RobotFile> read_robot(const std::string& path) {
-    task::RobotFileResult result = task::read_robot_file(path);
-    for (const task::Diagnostic& problem : result.problems) {
-        std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
-    }
-    return std::move(result.robot);
 }
 
 bool same_geometry(const model::Geometry<double>& a, const model::Geometry<double>& b) {

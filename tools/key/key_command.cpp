@@ -7,7 +7,7 @@
 
 #include "firmware/task/key_file.hpp"
 #include "firmware/task/robot_file.hpp"
-#include "hal/linux/system_random.hpp"
+#include "hal/linux/cryptography.hpp"
 #include "tools/cli/command.hpp"
 #include "tools/cli/command_line.hpp"
 
@@ -25,9 +25,9 @@ int generate(const std::string& path, const std::string& robot) {
     }
     task::KeyFile key;
     key.robot = robot;
-    hal::SystemRandom random;
-    if (!random.fill(key.key)) {
-        complain("the kernel has no random numbers yet; try again in a minute");
+    auto random = hal::make_random();
+    if (!random || !random.value()->fill(key.key)) {
+        complain(random ? "there are no random numbers" : random.error().message);
         return kMachineLacks;
     }
     if (const std::string wrong = task::write_key_file(path, key); !wrong.empty()) return complain(wrong);

@@ -4,7 +4,7 @@
 #include <cstring>
 
 #include "firmware/control/trajectory.hpp"
-#include "tools/cli/example_robots.hpp"
+#include "tools/cli/robots.hpp"
 #include "tools/sim/experiments.hpp"
 #include "tools/strangers/draw.hpp"
 #include "tools/strangers/trial.hpp"
