@@ -334,8 +334,8 @@ TEST(BlackBox, the_newest_eight_stay_and_what_a_power_cut_has_left_goes) {
         std::ofstream(folder.path() + "/black-box-" + std::string(number < 10 ? "00000" : "0000") +
                       std::to_string(number) + "-overrun.log");
     }
-    std::ofstream(folder.path() + "/.black-box-000012-overrun.log.abcdef");
-    std::ofstream(folder.path() + "/mine.log");
+    std::ofstream{folder.path() + "/.black-box-000012-overrun.log.abcdef"}.flush();
+    std::ofstream{folder.path() + "/mine.log"}.flush();
     SimulationOptions options = chain::Scene::options({false, 0, 1}, 7);
     options.black_box = folder.path();
     Simulation sim(chain::identified(), chain::real().parameters, options);

@@ -3,6 +3,8 @@
 #include <CppUTest/TestHarness.h>
 
 #include <Eigen/Core>
+#include <array>
+#include <thread>
 
 using namespace wheelwright;
 
@@ -65,4 +67,20 @@ TEST(GapProducts, solved_by_a_lower_triangle) {
         const Eigen::MatrixXd solved = gap::solved_lower(lower, b);
         check(lower.triangularView<Eigen::Lower>(), solved, b);
     }
+}
+
+// Debian's serial build of OpenBLAS fails here: one product of 2000 or so.
+TEST(GapProducts, of_several_threads_are_those_of_one) {
+    const Eigen::MatrixXd a = some(60, 100, 3);
+    const Eigen::MatrixXd b = some(100, 60, 5);
+    const Eigen::MatrixXd c = gap::product(a, b);
+    std::array<int, 3> wrong{};
+    std::array<std::thread, 3> threads;
+    for (std::size_t i = 0; i < threads.size(); ++i) {
+        threads[i] = std::thread([&, i] {
+            for (int n = 0; n < 5000; ++n) wrong[i] += gap::product(a, b) != c;
+        });
+    }
+    for (std::thread& thread : threads) thread.join();
+    CHECK_EQUAL(0, wrong[0] + wrong[1] + wrong[2]);
 }

@@ -370,7 +370,7 @@ TEST(GapFindings, a_gyro_that_turns_with_the_speed_shows_unequal_radii) {
     constexpr double kTrack_m = 0.4;
     const std::size_t mismatch = model::find_effect("wheel_radius_mismatch");
     gap::Sensors sensors;
-    sensors.gyro.emplace();
+    sensors.gyro = gap::Sensors::Gyro{};
     sensors.gyro->bend_per_m = 0.05;
     sensors.gyro->bend_error = 0.01;
     const std::vector<std::size_t> shown = gap::known_before(sensors, {}, kTrack_m).shown;

@@ -25,7 +25,7 @@ namespace {
 template <typename Effect>
 constexpr Hypothesis make_hypothesis() {
     using Of = HypothesisOf<Effect>;
-    constexpr bool kHasStart = &Of::starting_points != &Defaults<Effect>::starting_points;
+    constexpr bool kHasStart = requires { &Of::starting_points; };
     constexpr bool kHasColumns = !std::is_void_v<typename Of::Columns>;
     static_assert(kHasColumns == kHasStart, "an effect that is not linear is tried at points");
     Hypothesis h;
@@ -34,10 +34,11 @@ constexpr Hypothesis make_hypothesis() {
             return std::make_unique<typename Of::Columns>(p, setting);
         };
         h.by_dynamics = Of::Columns::kByDynamics;
+        h.starting_points = &Of::starting_points;
     } else {
         h.by_dynamics = model::ColumnsByDynamics<Effect>;
+        h.starting_points = [](const Setting&) { return StartingPoints{}; };
     }
-    h.starting_points = &Of::starting_points;
     h.in_every_drive_train = Of::kInEveryDriveTrain;
     h.late = Of::kLate;
     h.special_case_of = model::find_effect(Of::kSpecialCaseOf);

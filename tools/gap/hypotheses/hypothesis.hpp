@@ -81,8 +81,8 @@ struct Defaults {
     // K5..K8, and not on the log and the geometry alone. void: the catalogue's columns, or none.
     using Columns = std::conditional_t<model::InTorquePath<Effect> && model::kCoordinates<Effect> == 0,
                                        PathColumns<Effect>, void>;
-    // None: it is linear, or shows in no wheel speed.
-    static StartingPoints starting_points(const Setting&) { return {}; }
+    // Beside Columns, an effect has static StartingPoints starting_points(const Setting&): where each that is
+    // not linear is tried first. None: it is linear, or shows in no wheel speed.
     // Prior plausibility: it belongs to the model that everything else is tried beside.
     static constexpr bool kInEveryDriveTrain = false;
     // What comes late by another law than this one has another size at each frequency, and is still late.

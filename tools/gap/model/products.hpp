@@ -1,7 +1,8 @@
 // The matrix operations in which an analysis of a log spends most of its time, by OpenBLAS, which takes the
 // widest vectors that the processor has; Eigen takes those that it was compiled for, which every processor
 // has. Processors may differ by roundings, calls on one do not. Any shape that multiplies, empty ones
-// included. Safe from several threads; each call works in its own (the serial build of OpenBLAS).
+// included. Safe from several threads; each call works in the thread that made it. (OpenBLAS's serial build
+// is not safe; where the machine's alternatives put it in place of ours, one call waits for the other.)
 #pragma once
 
 #include <Eigen/Core>
