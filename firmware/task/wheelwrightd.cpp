@@ -340,6 +340,10 @@ int run(const Options& options) {
     realtime.priority = parameters.realtime.priority;
     if (parameters.realtime.cpu >= 0) realtime.cpu = parameters.realtime.cpu;
     const auto refused = hal::become_realtime(realtime);
+    // Punctual without it too, where the machine has no deep idle states.
+    if (const auto slow = hal::keep_processors_awake()) {
+        std::fprintf(stderr, "wheelwrightd: note: %s\n", slow->sentence().c_str());
+    }
     for (const hal::Refusal& one : refused) {
         std::fprintf(stderr, "wheelwrightd: %s\n", one.sentence().c_str());
     }

@@ -1,12 +1,15 @@
 #include "hal/linux/realtime.hpp"
 
+#include <fcntl.h>
 #include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <cerrno>
+#include <cstdint>
 #include <system_error>
 
 namespace wheelwright::hal {
@@ -112,6 +115,20 @@ std::optional<Refusal> prefault_stack(std::size_t bytes) {
     }
     touch_stack(bytes);
     return std::nullopt;
+}
+
+std::optional<Refusal> keep_processors_awake() {
+    constexpr const char* kDevice = "/dev/cpu_dma_latency";
+    const int device = open(kDevice, O_WRONLY | O_CLOEXEC);
+    const std::int32_t longest_us = 0;
+    // Left open: the kernel forgets the wish when it is closed.
+    if (device >= 0 && write(device, &longest_us, sizeof longest_us) == sizeof longest_us)
+        return std::nullopt;
+    if (errno == ENOENT) return std::nullopt;
+    return Refusal{"quick waking from idle states", "",
+                   std::string("let it open ") + kDevice +
+                       " for writing, as the package's udev rule does, or run as root: the kernel says \"" +
+                       reason(errno) + "\""};
 }
 
 std::vector<Refusal> become_realtime(const RealtimeOptions& options) {

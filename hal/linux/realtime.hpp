@@ -31,14 +31,18 @@ std::optional<Refusal> pin_to_cpu(int cpu);
 // Refused when the stack's limit leaves no room for it.
 std::optional<Refusal> prefault_stack(std::size_t bytes);
 
+// Until the process ends, no processor enters an idle state from which it wakes slowly
+// (/dev/cpu_dma_latency). None also where the machine has no such device, as most virtual ones.
+std::optional<Refusal> keep_processors_awake();
+
 struct RealtimeOptions {
     int priority = 80;
     std::optional<int> cpu;  // none: the scheduler decides
     std::size_t stack_bytes = 256 * 1024;
 };
 
-// All of the above, everything tried; empty when all were granted. Also sets the timer slack to 1 ns, which
-// matters only to a thread that has to run without SCHED_FIFO.
+// All of the above but the idle states, everything tried; empty when all were granted. Also sets the timer
+// slack to 1 ns, which matters only to a thread that has to run without SCHED_FIFO.
 std::vector<Refusal> become_realtime(const RealtimeOptions& options);
 
 }  // namespace wheelwright::hal

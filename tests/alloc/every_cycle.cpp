@@ -15,8 +15,8 @@
 
 #include "firmware/protocol/command_guard.hpp"
 #include "hal/linux/cryptography.hpp"
-#include "tests/bench/cycle_rig.hpp"
 #include "tests/support/key_holder.hpp"
+#include "tools/sim/cycle_rig.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace wheelwright::alloc {
@@ -70,16 +70,16 @@ class Witness final : public sim::BusTap {
 // One robot, and what is done with it.
 class Visit {
   public:
-    Visit(Tour& tour, const Watch& watch, const bench::ExampleRobots& robots, bench::RigOptions options = {})
+    Visit(Tour& tour, const Watch& watch, const tools::ExampleRobots& robots, tools::RigOptions options = {})
         : tour_(tour), watch_(watch), witness_(tour) {
         options.world = robots.world;
         options.black_box = true;
-        rig_ = std::make_unique<bench::CycleRig>(robots.controller, robots.truth, options);
+        rig_ = std::make_unique<tools::CycleRig>(robots.controller, robots.truth, options);
         rig_->bus().add_tap(witness_);
         run(300);
     }
 
-    bench::CycleRig& rig() { return *rig_; }
+    tools::CycleRig& rig() { return *rig_; }
     tools::SimulatedHost& host() { return rig_->host(); }
     sim::World& world() { return rig_->world(); }
     Mode mode() const { return rig_->cycle().supervisor().mode(); }
@@ -154,7 +154,7 @@ class Visit {
     Tour& tour_;
     const Watch& watch_;
     Witness witness_;
-    std::unique_ptr<bench::CycleRig> rig_;
+    std::unique_ptr<tools::CycleRig> rig_;
     std::uint8_t alive_ = 7;
 };
 
@@ -382,7 +382,7 @@ void fail_in_every_way(Visit& visit) {
                  torque.id = (kHeartbeatOfLeft & ~0x1FU) | 0x0E;
                  torque.length = 8;
                  torque.data = {};
-                 bus.endpoint(bench::CycleRig::kHost).send(torque);
+                 bus.endpoint(tools::CycleRig::kHost).send(torque);
              },
              nothing},
         Case{[&] { visit.host().silence(); }, nothing},
@@ -410,10 +410,10 @@ void fail_in_every_way(Visit& visit) {
                  bus.add_fault({sim::FaultAction::drop, kHeartbeatOfLeft, 0x7FF});
              },
              [&] { bus.clear_faults(); }},
-        Case{[&] { bus.set_down(bench::CycleRig::kFirmware, true); },
-             [&] { bus.set_down(bench::CycleRig::kFirmware, false); }},
-        Case{[&] { bus.set_bus_off(bench::CycleRig::kFirmware); },
-             [&] { bus.recover(bench::CycleRig::kFirmware); }},
+        Case{[&] { bus.set_down(tools::CycleRig::kFirmware, true); },
+             [&] { bus.set_down(tools::CycleRig::kFirmware, false); }},
+        Case{[&] { bus.set_bus_off(tools::CycleRig::kFirmware); },
+             [&] { bus.recover(tools::CycleRig::kFirmware); }},
     };
     for (const Case& one : cases) {
         visit.drive({0.4, 0.6});
@@ -516,10 +516,10 @@ std::vector<std::string> Tour::missing() const {
 
 Tour drive_everything(const Watch& watch, const std::function<void(const char*)>& scene) {
     Tour tour;
-    const bench::ExampleRobots known = bench::example_robots(true);
-    const bench::ExampleRobots unknown = bench::example_robots(false);
-    const auto visit = [&](const char* what, const bench::ExampleRobots& robots,
-                           const bench::RigOptions& options, auto&& act) {
+    const tools::ExampleRobots known = tools::example_robots(true);
+    const tools::ExampleRobots unknown = tools::example_robots(false);
+    const auto visit = [&](const char* what, const tools::ExampleRobots& robots,
+                           const tools::RigOptions& options, auto&& act) {
         scene(what);
         Visit one(tour, watch, robots, options);
         act(one);
@@ -531,11 +531,11 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
     visit("parameters", known, {}, [&](Visit& v) { ask_parameters(v, tour); });
     visit("frames that are refused", known, {}, send_nonsense);
 
-    bench::RigOptions lines;
+    tools::RigOptions lines;
     lines.digital_lines = true;
     for (const auto reaction : {model::StopReaction::coast, model::StopReaction::ramp}) {
         const bool ramps = reaction == model::StopReaction::ramp;
-        bench::ExampleRobots robots = known;
+        tools::ExampleRobots robots = known;
         robots.controller = reacting(known.controller, reaction);
         for (model::RobotParameters* p : {&robots.controller, &robots.truth})
             p->drive.supply_period_ms = p->drive.temperature_period_ms = 20;
@@ -545,12 +545,12 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
     visit("termination at rest", known, {}, [](Visit& v) { terminate(v, false); });
     visit("a model that is not a number", known, {}, compute_nonsense);
 
-    bench::ExampleRobots nobody_knows = known;
+    tools::ExampleRobots nobody_knows = known;
     nobody_knows.controller.dynamics = model::default_parameters().dynamics;
     nobody_knows.controller.dynamics_standard_error = {};
     visit("a model that nobody has given", nobody_knows, {}, [](Visit& v) { v.enter(Mode::velocity); });
 
-    bench::ExampleRobots no_watchdog = known;
+    tools::ExampleRobots no_watchdog = known;
     no_watchdog.controller.drive.watchdog_assured = false;
     no_watchdog.world.watchdog_enabled = false;
     // Told to be in torque mode, a drive does not hear it: it gives another torque, or says so when asked.
@@ -561,7 +561,7 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         v.run(3000);
     };
     visit("drives in another mode", known, {}, hear_no_mode);
-    bench::ExampleRobots asked = known;
+    tools::ExampleRobots asked = known;
     for (model::RobotParameters* p : {&asked.controller, &asked.truth}) {
         p->drive.watchdog_endpoint = 391;
         p->drive.watchdog_timeout_endpoint = 392;
@@ -571,7 +571,7 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
     visit("drives in another mode that say so", asked, {}, hear_no_mode);
     visit("drives without a watchdog", no_watchdog, {}, [](Visit& v) { v.enter(Mode::velocity); });
 
-    bench::ExampleRobots impossible = known;  // no loop is that fast and that stable
+    tools::ExampleRobots impossible = known;  // no loop is that fast and that stable
     impossible.controller.velocity_loop.settling_time_s = 0.005;
     impossible.controller.velocity_loop.phase_margin_deg = 85;
     visit("loops without an accepted design", impossible, lines, [](Visit& v) {
@@ -584,7 +584,7 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
         v.run(300);
     });
 
-    bench::RigOptions two;
+    tools::RigOptions two;
     two.separate_host_bus = true;
     visit("a host bus of its own", known, two, [](Visit& v) {
         v.drive({0.3, 0.4});
@@ -595,11 +595,11 @@ Tour drive_everything(const Watch& watch, const std::function<void(const char*)>
     });
     support::KeyHolder holder;
     const auto random = std::move(hal::make_random().value());
-    bench::RigOptions locked;
+    tools::RigOptions locked;
     locked.arming_key = holder.key();
     locked.arming_key.random = random.get();
     visit("authenticated arming", known, locked, [&](Visit& v) { prove(v, holder); });
-    bench::ExampleRobots older = known;
+    tools::ExampleRobots older = known;
     older.controller.drive.generation = older.truth.drive.generation = 5;
     visit("drives of generation 0.5", older, {}, [](Visit& v) {
         v.drive({0.3, 0.4});

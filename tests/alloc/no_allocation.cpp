@@ -22,7 +22,7 @@
 
 #include "tests/alloc/every_cycle.hpp"
 #include "tests/alloc/guard.hpp"
-#include "tests/bench/cycle_rig.hpp"
+#include "tools/sim/cycle_rig.hpp"
 
 namespace {
 
@@ -56,7 +56,7 @@ struct Plant {
     bool only_with_system_calls = false;
 };
 
-class Saboteur final : public bench::FrontBus {
+class Saboteur final : public tools::FrontBus {
   public:
     std::function<void()> act;
     hal::CanStatus send(const hal::CanFrame& frame) override {
@@ -112,7 +112,7 @@ std::vector<Plant> plants() {
 }
 
 int bites() {
-    const bench::ExampleRobots robots = bench::example_robots(true);
+    const tools::ExampleRobots robots = tools::example_robots(true);
     int wrong = 0;
     std::vector<Plant> all = plants();
     all.push_back({"nothing", [] {}});
@@ -124,10 +124,10 @@ int bites() {
             if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(1);
             const bool system_calls = guard::prepare();
             Saboteur saboteur;
-            bench::RigOptions options;
+            tools::RigOptions options;
             options.world = robots.world;
             options.front = &saboteur;
-            bench::CycleRig rig(robots.controller, robots.truth, options);
+            tools::CycleRig rig(robots.controller, robots.truth, options);
             const auto guarded = [](auto&& part) {
                 const guard::Armed armed;
                 part();

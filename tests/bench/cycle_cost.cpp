@@ -19,7 +19,7 @@
 #include <vector>
 
 #include "firmware/task/black_box.hpp"
-#include "tests/bench/cycle_rig.hpp"
+#include "tools/sim/cycle_rig.hpp"
 #include "tools/sim/experiments.hpp"
 
 namespace {
@@ -56,7 +56,7 @@ struct Recording {
     std::vector<task::CycleTime> times;
 };
 
-class Recorder final : public bench::FrontBus {
+class Recorder final : public tools::FrontBus {
   public:
     explicit Recorder(Recording& recording) : recording_(recording) {}
     hal::CanStatus send(const hal::CanFrame& frame) override {
@@ -114,13 +114,13 @@ void counted(bool each, Part&& part) {
 }
 
 int count_cycles(int cycles, bool each, bool recorded) {
-    const bench::ExampleRobots robots = bench::example_robots(true);
+    const tools::ExampleRobots robots = tools::example_robots(true);
     Recording recording;
     Recorder recorder(recording);
-    bench::RigOptions options;
+    tools::RigOptions options;
     options.world = robots.world;
     options.front = &recorder;
-    bench::CycleRig rig(robots.controller, robots.truth, options);
+    tools::CycleRig rig(robots.controller, robots.truth, options);
     const auto total = static_cast<std::size_t>(kSettling + cycles);
     for (std::size_t i = 0; i < total; ++i) {
         if (i == kStart) start_drive(rig.host(), rig.world());
@@ -171,7 +171,7 @@ int count_cycles(int cycles, bool each, bool recorded) {
 }
 
 int run_simulation(int cycles, bool each, bool by_clock) {
-    const bench::ExampleRobots robots = bench::example_robots(true);
+    const tools::ExampleRobots robots = tools::example_robots(true);
     tools::SimulationOptions options;
     options.world = robots.world;
     tools::Simulation sim(robots.controller, robots.truth, options);

@@ -41,6 +41,7 @@ void add_gap_bench(const CommandLine& program, Run& run);
 void add_gap_exam(const CommandLine& program, Run& run);
 void add_gap_trials(const CommandLine& program, Run& run);
 void add_ident(const CommandLine& program, Run& run);
+void add_latency(const CommandLine& program, Run& run);
 void add_monitor(const CommandLine& program, Run& run);
 void add_record(const CommandLine& program, Run& run);
 void add_paper(const CommandLine& program, Run& run);

@@ -19,7 +19,7 @@
 #include "sim_hal/world.hpp"
 #include "tools/sim/simulation.hpp"
 
-namespace wheelwright::bench {
+namespace wheelwright::tools {
 
 // A bus that stands between the cycle and the real one.
 class FrontBus : public hal::CanBus {
@@ -57,20 +57,27 @@ class CycleRig {
     // One millisecond. `cycle_part` is called twice, each time with the function that it shall call.
     template <typename CyclePart>
     void step(CyclePart&& cycle_part) {
-        const task::CycleTime time = wake();
-        cycle_part([&] {
-            if (box_ != nullptr) box_->begin(time);
-            cycle_->think(time);
-        });
-        clock_.sleep_until_ns(time.scheduled_ns + cycle_->send_phase_ns());
-        cycle_part([&] {
-            if (box_ != nullptr) box_->sending(clock_.now_ns());
-            cycle_->send(clock_.now_ns());
-            if (box_ != nullptr) box_->end();
-        });
+        wake();
+        cycle_part([&] { think(); });
+        wait_for_sending();
+        cycle_part([&] { send(); });
     }
     void step() {
         step([](auto&& part) { part(); });
+    }
+
+    // The parts of step(), in their order: the robot lives up to the cycle, the firmware thinks, the robot
+    // lives up to the sending phase, the firmware sends.
+    void wake();
+    void think() {
+        if (box_ != nullptr) box_->begin(time_);
+        cycle_->think(time_);
+    }
+    void wait_for_sending() { clock_.sleep_until_ns(time_.scheduled_ns + cycle_->send_phase_ns()); }
+    void send() {
+        if (box_ != nullptr) box_->sending(clock_.now_ns());
+        cycle_->send(clock_.now_ns());
+        if (box_ != nullptr) box_->end();
     }
 
     // The next cycle begins late by so many periods.
@@ -78,7 +85,7 @@ class CycleRig {
 
     task::Cycle& cycle() { return *cycle_; }
     task::BlackBox& box() { return *box_; }
-    tools::SimulatedHost& host() { return *host_; }
+    SimulatedHost& host() { return *host_; }
     sim::World& world() { return world_; }
     sim::InProcessBus& bus() { return bus_; }
     sim::SimInput& stop_line() { return stop_line_; }
@@ -93,15 +100,13 @@ class CycleRig {
     static constexpr std::size_t kHost = 2;
 
   private:
-    task::CycleTime wake();
-
     model::RobotParameters parameters_;
     sim::VirtualClock clock_;
     sim::InProcessBus bus_;
     std::unique_ptr<sim::InProcessBus> second_;
     sim::World world_;
     sim::VirtualRobot robot_;
-    std::unique_ptr<tools::SimulatedHost> host_;
+    std::unique_ptr<SimulatedHost> host_;
     sim::SimInput stop_line_;
     sim::SimOutput enable_line_;
     drivers::DriveSlot left_;
@@ -123,4 +128,4 @@ struct ExampleRobots {
 };
 ExampleRobots example_robots(bool identified);
 
-}  // namespace wheelwright::bench
+}  // namespace wheelwright::tools

@@ -1,8 +1,9 @@
-#include "tests/bench/cycle_rig.hpp"
+#include "tools/sim/cycle_rig.hpp"
 
+#include "tools/cli/robots.hpp"
 #include "tools/sim/experiments.hpp"
 
-namespace wheelwright::bench {
+namespace wheelwright::tools {
 namespace {
 
 constexpr std::int64_t kStart_ns = 1'000'000'000;
@@ -33,7 +34,7 @@ CycleRig::CycleRig(const model::RobotParameters& controller, const model::RobotP
                   : nullptr),
       world_(truth, seeded(options.world, options.seed), bus_.endpoint(kRobot)),
       robot_(clock_, bus_, bus_.endpoint(kRobot), world_),
-      host_(std::make_unique<tools::SimulatedHost>(host_bus(), world_)),
+      host_(std::make_unique<SimulatedHost>(host_bus(), world_)),
       stop_line_(clock_),
       enable_line_(clock_),
       schedule_(kStart_ns + task::kCyclePeriod_ns) {
@@ -52,28 +53,26 @@ CycleRig::CycleRig(const model::RobotParameters& controller, const model::RobotP
     if (box_ != nullptr) box_->watch(*cycle_);
 }
 
-task::CycleTime CycleRig::wake() {
+void CycleRig::wake() {
     clock_.sleep_until_ns(schedule_.next_deadline_ns() + late_cycles_ * task::kCyclePeriod_ns);
     late_cycles_ = 0;
     host_->step(clock_.now_ns());
     time_ = schedule_.begin(clock_.now_ns());
-    return time_;
 }
 
 ExampleRobots example_robots(bool identified) {
-    const std::string folder = WHEELWRIGHT_ROBOTS;
-    const task::RobotFile controller = tools::load_robot(folder + "/default.toml");
-    const task::RobotFile truth = tools::load_robot(folder + "/simulated.toml");
-    ExampleRobots robots{controller.parameters, truth.parameters, tools::world_options(truth.simulation, 1)};
+    const task::RobotFile controller = load_robot(example_robot("default.toml"));
+    const task::RobotFile truth = load_robot(example_robot("simulated.toml"));
+    ExampleRobots robots{controller.parameters, truth.parameters, world_options(truth.simulation, 1)};
     if (identified) {
         model::RobotParameters& p = robots.controller;
-        const model::Dynamics<double> k = tools::as_seen_with(
-            sim::plant_dynamics(
-                sim::Plant(sim::plant_from_dynamics(truth.parameters.geometry, truth.parameters.dynamics,
-                                                    truth.parameters.effects),
-                           {})
-                    .parameters()),
-            truth.parameters.geometry, p.geometry);
+        const model::Dynamics<double> k =
+            as_seen_with(sim::plant_dynamics(sim::Plant(sim::plant_from_dynamics(truth.parameters.geometry,
+                                                                                 truth.parameters.dynamics,
+                                                                                 truth.parameters.effects),
+                                                        {})
+                                                 .parameters()),
+                         truth.parameters.geometry, p.geometry);
         p.dynamics = k;
         p.dynamics_standard_error = {2e-3, 1e-1, 2e-3 * k.k7_per_kg_m, 2e-3 * k.k8_per_kg_m2};
         for (std::size_t i = 0; i < model::kEffectCount; ++i) {
@@ -85,4 +84,4 @@ ExampleRobots example_robots(bool identified) {
     return robots;
 }
 
-}  // namespace wheelwright::bench
+}  // namespace wheelwright::tools
