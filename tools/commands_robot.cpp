@@ -8,8 +8,8 @@ namespace {
 
 // The order of --help.
 constexpr std::array kCommands{
-    &add_sim, &add_check, &add_ctl, &add_key, &add_monitor, &add_record, &add_replay, &add_ident,
-    &add_latency,
+    &add_sim,    &add_check,  &add_ctl,   &add_key,     &add_monitor,
+    &add_record, &add_replay, &add_ident, &add_latency,
 };
 
 }  // namespace
