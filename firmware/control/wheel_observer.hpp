@@ -85,6 +85,7 @@ class WheelObserver {
   public:
     static constexpr std::size_t kTorqueMemory = 24;
     static constexpr std::size_t kSampleMemory = 8;  // power of two
+    static constexpr int kNewOriginSamples = 4;      // that agree with each other are taken again
 
     void configure(const WheelObserverSettings<Real>& settings) {
         settings_ = settings;
@@ -100,7 +101,7 @@ class WheelObserver {
     void reset() {
         for (Wheel& wheel : wheels_) wheel = {};
         torque_ = {};
-        turned_ = {};
+        turned_ = expected_ = {};
         motion_ = {};
         last_ns_ = 0;
     }
@@ -116,6 +117,7 @@ class WheelObserver {
         }
         last_ns_ = now_ns;
         const WheelPair<Real> predicted = predict_acceleration(plant, dt);
+        expected_ = {predicted.left - wheels_[0].error, predicted.right - wheels_[1].error};
         const WheelPair<Real> before{wheels_[0].angle, wheels_[1].angle};
         wheels_[0].advance(predicted.left, dt);
         wheels_[1].advance(predicted.right, dt);
@@ -156,6 +158,14 @@ class WheelObserver {
         return {late.left + delay_fraction_ * (early.left - late.left),
                 late.right + delay_fraction_ * (early.right - late.right)};
     }
+
+    // Receive times of the newest samples that were taken; 0: none yet.
+    std::array<std::int64_t, 2> taken_ns() const {
+        return {wheels_[0].taken.time_ns, wheels_[1].taken.time_ns};
+    }
+
+    // What the model alone expects of the wheels in the cycle that ended at the last update, rad/s^2.
+    const WheelPair<Real>& expected_acceleration() const { return expected_; }
 
     // Acceleration the model did not explain, at the wheels, rad/s^2.
     WheelPair<Real> unexplained_acceleration() const { return {wheels_[0].error, wheels_[1].error}; }
@@ -305,7 +315,7 @@ class WheelObserver {
     }
 
     [[gnu::noinline]] bool trust_new_origin(Wheel& wheel, const EncoderSample& sample, Real since_taken) {
-        constexpr int kAlike = 3;  // two slopes that agree
+        constexpr int kAlike = kNewOriginSamples - 1;  // two slopes that agree
         if (sample.time_ns <= wheel.refused.time_ns) return false;
         const Real dt = seconds(sample.time_ns - wheel.refused.time_ns);
         const Real slope = Real(sample.position_rad - wheel.refused.position) / dt;
@@ -411,6 +421,7 @@ class WheelObserver {
     std::size_t newest_torque_ = 0;
     std::int64_t last_ns_ = 0;
     WheelPair<Real> turned_;
+    WheelPair<Real> expected_;
     model::Motion<Real> motion_;
 };
 

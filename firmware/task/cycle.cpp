@@ -110,6 +110,7 @@ const HostEvents& Cycle::receive(const CycleTime& time) {
 
 void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
     BusMeter& meter = from_drives ? drive_meter_ : host_meter_;
+    const std::int64_t latest_ns = std::max(time_.scheduled_ns, time_.woken_ns);
     hal::ReceivedFrame received;
     for (int i = 0; i < kMostFramesPerCycle; ++i) {
         const hal::CanStatus status = bus.receive(received);
@@ -119,6 +120,8 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
         }
         meter.count(received.frame);
         if (received.frame.error) continue;
+        // By a clock that somebody has set, or a driver's own: no frame is younger than this cycle.
+        received.timestamp_ns = std::min(received.timestamp_ns, latest_ns);
         if (from_drives && (ports_.left.accept(received) || ports_.right.accept(received))) continue;
         if (from_host) {
             host_.accept(received);

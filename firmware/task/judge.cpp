@@ -45,8 +45,13 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     };
     const auto& safety = parameters_.safety;
     const std::int64_t now_ns = evidence.seen.now_ns;
-    c.feedback_stale = stale(left.encoder_time_ns, now_ns, safety.stale_feedback_s) ||
-                       stale(right.encoder_time_ns, now_ns, safety.stale_feedback_s);
+    // Frames that come and are not believed are none; a drive's new origin is believed after some.
+    const double refused_s = safety.stale_feedback_s + 1e-3 * parameters_.drive.encoder_period_ms *
+                                                           control::WheelObserver<double>::kNewOriginSamples;
+    const auto& [left_taken_ns, right_taken_ns] = evidence.seen.encoder_taken_ns;
+    c.feedback_stale =
+        stale(std::min(left.encoder_time_ns, right.encoder_time_ns), now_ns, safety.stale_feedback_s) ||
+        stale(std::min(left_taken_ns, right_taken_ns), now_ns, refused_s);
     if (c.feedback_stale) ++stale_feedback_cycles_;
     const std::uint32_t foreign = left.foreign_control + right.foreign_control + evidence.strangers;
     c.foreign_control = foreign != foreign_control_;

@@ -32,6 +32,7 @@ Observed Senses::observe(const Told& told, const control::PlantModel<double>& pl
     seen.last_torque_Nm = seen.sample.last_torque_Nm = told.sent_torque_Nm;
     seen.angles_known = observer_.angles_at(told.now_ns - sample_age_ns_, sampled_rad_) && told.in_a_row;
     seen.sample.angle_rad = sampled_rad_;
+    seen.encoder_taken_ns = observer_.taken_ns();
     seen.slipping = slip_.slipping(told.now_ns);
     seen.sample.usable = seen.angles_known && !seen.slipping;
     seen.sample.heading_rad = seen.pose.heading_rad;

@@ -3,6 +3,7 @@
 // Threads: the cycle's. No call allocates, blocks or throws.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "drivers/motor_drive.hpp"
@@ -35,6 +36,7 @@ struct Observed {
     // For the estimators: the wheels' angles some cycles ago, by the encoders alone.
     ident::IdentSample<double> sample;
     bool angles_known = false;
+    std::array<std::int64_t, 2> encoder_taken_ns{};  // receive times of the newest samples that were believed
     bool slipping = false;
     const Pose<double>* external_pose = nullptr;
 };

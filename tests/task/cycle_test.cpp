@@ -26,6 +26,7 @@ struct FakeDrive final : drivers::MotorDrive {
     bool accept(const hal::ReceivedFrame& received) override {
         if (received.frame.id != id + 1) return false;
         ++accepted;
+        accepted_ns = received.timestamp_ns;
         return true;
     }
     void update(std::int64_t now_ns, drivers::FrameSink& out) override {
@@ -78,6 +79,7 @@ struct FakeDrive final : drivers::MotorDrive {
     drivers::DriveRatings rated;
     bool feeds = true, obeys = true, asks = false;
     int arms = 0, disarms = 0, clears = 0, accepted = 0, refusals = 0;
+    std::int64_t accepted_ns = 0;
     double scale = 0;
 };
 
@@ -304,6 +306,22 @@ TEST(WholeCycle, a_flood_is_read_a_part_in_each_cycle) {
     CHECK_EQUAL(64, rig.left.accepted);
     rig.run(2);
     CHECK_EQUAL(150, rig.left.accepted);
+}
+
+// Also a cycle that wakes late hears none that is younger than itself.
+TEST(WholeCycle, no_frame_was_received_in_the_future) {
+    for (const std::int64_t late_ns : {0, 300'000}) {
+        Rig rig;
+        for (const std::int64_t off_ns :
+             {-60'000'000'000LL, -250'000LL, 0LL, 1'000'000LL, 60'000'000'000LL}) {
+            const std::int64_t woken_ns = rig.now + kCyclePeriod_ns + late_ns;
+            const std::int64_t time_ns = woken_ns + off_ns;
+            rig.bus.incoming.push_back({FakeDrive::frame(kLeft + 1), time_ns});
+            rig.late_ns = late_ns;
+            rig.step();
+            CHECK_EQUAL(std::min(time_ns, woken_ns), rig.left.accepted_ns);
+        }
+    }
 }
 
 TEST(WholeCycle, an_emergency_stop_line_that_is_active_or_cannot_be_read_stops) {

@@ -37,10 +37,11 @@ struct Scene {
     Conditions judge() {
         seen.now_ns += kCycle_ns;
         if (feedback_comes) left.encoder_time_ns = right.encoder_time_ns = seen.now_ns;
+        if (feedback_comes && believed) seen.encoder_taken_ns = {seen.now_ns, seen.now_ns};
         return judge_.judge(
             {seen, left, right, parameters.geometry.wheel_radius_m, wants_armed, braking, 0, told});
     }
-    bool feedback_comes = true;
+    bool feedback_comes = true, believed = true;
 };
 
 }  // namespace
@@ -118,6 +119,7 @@ TEST(CycleSteps, judge_calls_feedback_stale_after_its_limit_and_before_the_first
     scene.feedback_comes = false;
     CHECK(scene.judge().feedback_stale);  // never came
     scene.left.encoder_time_ns = scene.right.encoder_time_ns = scene.seen.now_ns;
+    scene.seen.encoder_taken_ns = {scene.seen.now_ns, scene.seen.now_ns};
     const int limit =
         static_cast<int>(std::lround(scene.parameters.safety.stale_feedback_s / kCyclePeriod_s));
     for (int i = 0; i < limit; ++i) CHECK_FALSE(scene.judge().feedback_stale);
@@ -125,6 +127,24 @@ TEST(CycleSteps, judge_calls_feedback_stale_after_its_limit_and_before_the_first
     scene.left.encoder_time_ns = scene.seen.now_ns;  // one wheel is not enough
     CHECK(scene.judge().feedback_stale);
     LONGS_EQUAL(3, scene.judge_.stale_feedback_cycles());
+}
+
+TEST(CycleSteps, judge_calls_frames_that_are_not_believed_stale_feedback) {
+    for (const std::size_t side : {0U, 1U}) {
+        Scene scene;
+        CHECK_FALSE(scene.judge().feedback_stale);
+        scene.believed = false;
+        const int limit =
+            static_cast<int>(std::lround(scene.parameters.safety.stale_feedback_s / kCyclePeriod_s));
+        bool stale = false;
+        for (int i = 0; i < limit; ++i) stale = scene.judge().feedback_stale;
+        CHECK_FALSE(stale);
+        for (int i = 0; i < 5; ++i) {  // as a drive's new origin is believed after four
+            scene.seen.encoder_taken_ns[1 - side] = scene.seen.now_ns + kCycle_ns;
+            stale = scene.judge().feedback_stale;
+        }
+        CHECK(stale);
+    }
 }
 
 TEST(CycleSteps, judge_takes_what_is_no_number_for_danger) {
