@@ -338,7 +338,7 @@ void InProcessBus::destroy(Endpoint& from) {
 
 void InProcessBus::corrupt(hal::CanFrame& frame) {
     ++totals_.corrupted;
-    const std::uint64_t bit = random_.bits() % (std::uint64_t{frame.length} * 8);
+    const auto bit = static_cast<std::size_t>(random_.bits() % (std::uint64_t{frame.length} * 8));
     frame.data[bit / 8] = static_cast<std::uint8_t>(frame.data[bit / 8] ^ (1U << (bit % 8)));
 }
 

@@ -29,6 +29,7 @@
 #include "firmware/task/write_file.hpp"
 #include "hal/linux/cryptography.hpp"
 #include "hal/linux/gpiod_line.hpp"
+#include "hal/linux/line_guard.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/realtime.hpp"
 #include "hal/linux/service_manager.hpp"
@@ -187,6 +188,33 @@ bool take(hal::Result<std::unique_ptr<Line>> result, std::unique_ptr<Line>& line
     return false;
 }
 
+int open_lines(const task::RobotFile& robot, std::unique_ptr<hal::DigitalInput>& stop_line,
+               std::unique_ptr<hal::DigitalOutput>& enable_line) {
+    const auto& lines = robot.parameters.lines;
+    int status = kDone;
+    if (lines.drive_enable >= 0) {
+        hal::LineOptions line;
+        line.chip = robot.lines_chip;
+        line.offset = static_cast<unsigned>(lines.drive_enable);
+        line.active_low = lines.drive_enable_active_low;
+        if (!take(hal::open_output(line), enable_line, status)) return status;
+        if (!hal::guard_line(*enable_line, robot.parameters.realtime.priority)) {
+            return fail(kMachineLacks,
+                        "no process could be started to take the drive-enable line away when this is killed");
+        }
+    }
+    if (lines.emergency_stop >= 0) {
+        hal::LineOptions line;
+        line.chip = robot.lines_chip;
+        line.offset = static_cast<unsigned>(lines.emergency_stop);
+        line.active_low = lines.emergency_stop_active_low;
+        // A broken wire reads as stop, where the chip has such a resistor.
+        line.bias = line.active_low ? hal::LineBias::pull_down : hal::LineBias::pull_up;
+        if (!take(hal::open_input(line), stop_line, status)) return status;
+    }
+    return status;
+}
+
 // The key without which nobody arms the robot, if one is named; it outlives the cycle.
 struct InstalledKey {
     std::unique_ptr<hal::MessageCode> code;
@@ -257,6 +285,11 @@ int run(const Options& options) {
         if (const int status = key.read(path); status != kDone) return status;
     }
 
+    // First of all what the machine has: the drives are not enabled from here on, whatever ends this.
+    std::unique_ptr<hal::DigitalInput> stop_line;
+    std::unique_ptr<hal::DigitalOutput> enable_line;
+    if (const int status = open_lines(*file.robot, stop_line, enable_line); status != kDone) return status;
+
     auto drive_bus = hal::SocketCanBus::open(options.can);
     if (!drive_bus) return fail(drive_bus.error().exit_status(), drive_bus.error().message);
     std::unique_ptr<hal::SocketCanBus> host_bus;
@@ -273,25 +306,6 @@ int run(const Options& options) {
     hal::MonotonicClock clock;
     if (is_taken(*drive_bus.value(), clock)) return fail(kUsage, taken_text(options.can));
     if (host_bus && is_taken(*host_bus, clock)) return fail(kUsage, taken_text(options.host_can));
-
-    std::unique_ptr<hal::DigitalInput> stop_line;
-    std::unique_ptr<hal::DigitalOutput> enable_line;
-    const auto& lines = parameters.lines;
-    int status = kDone;
-    if (lines.emergency_stop >= 0) {
-        hal::LineOptions line;
-        line.chip = file.robot->lines_chip;
-        line.offset = static_cast<unsigned>(lines.emergency_stop);
-        line.active_low = lines.emergency_stop_active_low;
-        if (!take(hal::open_input(line), stop_line, status)) return status;
-    }
-    if (lines.drive_enable >= 0) {
-        hal::LineOptions line;
-        line.chip = file.robot->lines_chip;
-        line.offset = static_cast<unsigned>(lines.drive_enable);
-        line.active_low = lines.drive_enable_active_low;
-        if (!take(hal::open_output(line), enable_line, status)) return status;
-    }
 
     drivers::DriveSlot left_slot;
     drivers::DriveSlot right_slot;
@@ -328,12 +342,17 @@ int run(const Options& options) {
         box_thread.emplace(*box_writer);
     }
 
+    // An adapter that comes back is another interface: whoever keeps this running starts it anew.
+    const auto gone = [&] { return drive_bus.value()->gone() || (host_bus && host_bus->gone()); };
     hal::ServiceManager manager;
     std::optional<task::LoopWatch> watch;
     watch.emplace(statistics->cycles,
                   task::LoopWatch::Actions{
                       [&] { hal::set_fifo_priority(std::max(parameters.realtime.priority - 1, 1)); },
-                      [&] { manager.alive(clock.now_ns()); },
+                      [&] {
+                          manager.alive(clock.now_ns());
+                          if (gone()) cycle->request_termination();
+                      },
                       [&] { end_hung(*watch_bus.value(), *left, *right, enable_line.get()); }});
 
     hal::RealtimeOptions realtime;
@@ -371,6 +390,7 @@ int run(const Options& options) {
     manager.stopping();
     running_cycle = nullptr;
     if (options.statistics) print_statistics(*statistics);
+    if (gone()) return fail(kMachineLacks, "a CAN interface was removed");
     return kDone;
 }
 

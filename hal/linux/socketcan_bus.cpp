@@ -191,7 +191,7 @@ CanStatus SocketCanBus::send(const CanFrame& frame) {
                     break;
                 default:  // ENETDOWN, ENXIO, ENODEV: down, or gone
                     status = CanStatus::bus_down;
-                    note_down();
+                    note_down(errno);
                     break;
             }
         }
@@ -250,7 +250,7 @@ bool SocketCanBus::take_waiting() {
         if (taken >= 0 || (errno != ENETDOWN && errno != ENODEV && errno != EINTR)) {
             break;
         }
-        if (errno != EINTR) note_down();
+        if (errno != EINTR) note_down(errno);
     }
     if (taken <= 0) {
         return false;
@@ -317,7 +317,8 @@ CanStatus SocketCanBus::receive(ReceivedFrame& out) {
     return CanStatus::ok;
 }
 
-void SocketCanBus::note_down() {
+void SocketCanBus::note_down(int error) {
+    if (error == ENODEV || error == ENXIO) gone_.store(true, std::memory_order_relaxed);
     if (!down_) down_since_ns_ = read_clock_ns(CLOCK_MONOTONIC);
     down_ = true;
     unconfirmed_count_ = 0;

@@ -22,6 +22,7 @@
 #include <sys/socket.h>
 
 #include <array>
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -61,6 +62,10 @@ class SocketCanBus final : public CanBus {
     bool set_filters(std::span<const CanFilter> filters) override;
     CanStatistics statistics() const override { return statistics_; }
 
+    // The interface has been removed (its adapter pulled, say). One of that name that comes later is another
+    // one: this bus stays down, and has to be opened anew. Any thread.
+    bool gone() const { return gone_.load(std::memory_order_relaxed); }
+
     // Whether FD frames can be sent.
     bool carries_fd() const { return fd_frames_; }
 
@@ -81,7 +86,7 @@ class SocketCanBus final : public CanBus {
     void note_sent(std::uint32_t raw_id);
     void note_confirmed(std::uint32_t raw_id);
     std::int64_t to_monotonic_ns(std::int64_t stamp_realtime_ns);
-    void note_down();
+    void note_down(int error);
     void note_error_class(std::uint32_t error_class);
 
     int socket_;
@@ -96,6 +101,7 @@ class SocketCanBus final : public CanBus {
     std::int64_t down_since_ns_ = 0;
     bool down_ = false;
     bool bus_off_ = false;
+    std::atomic<bool> gone_{false};
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
     std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC
     std::int64_t last_timestamp_ns_ = 0;

@@ -196,11 +196,13 @@ TEST(SocketCan, an_interface_that_is_removed_is_down_for_good) {
     shell("ip link add dev vcan9 type vcan && ip link set vcan9 up");
     const auto bus = open_bus("vcan9");
     CHECK(bus->send(contract::make_frame(0x1, 1)) == hal::CanStatus::ok);
+    CHECK_FALSE(bus->gone());
     shell("ip link del vcan9");
     hal::ReceivedFrame received;
     CHECK(receive_soon(*bus, received) == hal::CanStatus::bus_down);
     CHECK(bus->send(contract::make_frame(0x1, 1)) == hal::CanStatus::bus_down);
     CHECK(bus->receive(received) == hal::CanStatus::bus_down);
+    CHECK_TRUE(bus->gone());
 }
 
 TEST(SocketCan, cansend_and_candump_understand_us) {

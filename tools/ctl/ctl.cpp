@@ -230,7 +230,7 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
         if (!repeat) break;
         due_ns += static_cast<std::int64_t>(period_s * 1e9);
         if (enter && !options.no_wait) {
-            if (!watch->follow(link, std::min(due_ns, end_ns))) break;
+            if (!watch->follow(link, std::min(due_ns, end_ns)) || watch->silent()) break;
         } else {
             sleep_until(std::min(due_ns, end_ns));
         }
