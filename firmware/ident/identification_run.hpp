@@ -1,6 +1,6 @@
 // The ident mode from start to finish: probe, lay the excitation out, measure the delay, estimate until the
-// standard errors are small enough or time is up. A pure function of what it is handed; one step() in each
-// cycle.
+// standard errors are small enough and no longer fall quickly, or time is up. A pure function of what it is
+// handed; one step() in each cycle.
 //
 //   probing -> measuring_delay -> estimating -> done
 //       |            |                |
@@ -97,7 +97,8 @@ class IdentificationRun {
             if (errors_known()) look_at_signs(estimator.coupling_terms());
             if (!finished()) look_at_wheels(estimator);
             if (!finished() && look_at_gains()) return {};
-            if (!finished() && estimate().good_enough && !options_.run_full_time)
+            if (!finished() && estimate().good_enough && elapsed_s() >= shortest_s() &&
+                !options_.run_full_time)
                 succeed(IdentCause::good_enough);
         }
         if (!finished()) check_limits(pose, velocity);
@@ -139,6 +140,8 @@ class IdentificationRun {
     const Sizing& sizing() const { return sizing_; }
     const IdentificationOptions<Real>& options() const { return options_; }
     double elapsed_s() const { return cycles_ * options_.excitation.sample_time_s; }
+    // So long it goes on although it is good enough, for it still gets better.
+    double shortest_s() const { return kWorthItsTime * options_.duration_s; }
 
     // Share of the slow acceleration, RMS, that the model does not explain.
     Real unexplained() const {
@@ -161,6 +164,9 @@ class IdentificationRun {
     }
 
   private:
+    // Of the duration. Errors fall with the square root of time: until here each second lessens them by more
+    // than a hundredth, and what the rest of the time could do to them is a third.
+    static constexpr double kWorthItsTime = 0.4;
     static constexpr double kLongestDelayPhase = 0.2;   // of the duration
     static constexpr Real kSureDelay_s = Real(5e-5);    // a twentieth of a cycle
     static constexpr Real kUsableDelay_s = Real(1e-3);  // a cycle: the estimator's timing columns do the rest
@@ -313,7 +319,8 @@ class IdentificationRun {
         const double x8 = h * estimator.cross_gains()[1].value;
         const WheelAnswers answers{{k7 + k8 - x7 - x8, k7 + k8 + x7 + x8},
                                    {k7 - k8 + x7 - x8, k7 - k8 - x7 + x8}};
-        const IdentCause lifted = wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error);
+        const IdentCause lifted =
+            wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error, !found_.on_floor);
         if (lifted != IdentCause::none) stop(lifted);
     }
 

@@ -69,6 +69,7 @@ struct ProbeFindings {
     double k7_per_kg_m{}, k8_per_kg_m2{};   // rough
     WheelPair<double> pushed_m_per_s2_Nm;   // rim acceleration of each wheel by its own torque
     WheelPair<double> dragged_m_per_s2_Nm;  // and by the other one's
+    bool on_floor = false;                  // the wheel that moves more: speed_acts(); false: not known
     double torque_limit_Nm{};               // what the drives deliver at most, as far as it was tried
     bool clipped = false;                   // less than was asked
     bool clipped_by_report = false;         // the drives' own reports say so; otherwise the motion does
@@ -325,7 +326,7 @@ class Probe {
             choose_push();
             pushes_ = 0;
             answered_ = {};
-            rubbed_ = {};
+            slowed_[next == Stage::turning ? 1 : 0] = {};
             push_begin_ = angle_;
         }
         stage_before_ = next;
@@ -409,7 +410,8 @@ class Probe {
         };
         answered_[0].add(response(0, r.left));
         answered_[1].add(response(1, r.right));
-        rubbed_.add(-(sum(0, r.left) + sum(1, r.right)) / 2);
+        slowed_[turning ? 1 : 0][0].add(sum(0, r.left));
+        slowed_[turning ? 1 : 0][1].add(sum(1, r.right));
         fit_ = {};
         // again, until an external pose can tell that way from its noise
         if (++pushes_ < kMostPushes &&
@@ -421,7 +423,8 @@ class Probe {
             forward_error_ = {answered_[0].error(), answered_[1].error()};
             // what is left beside the torque's share is friction's
             const double both = (d.left + d.right) / 2;
-            found_.friction_Nm = both > 0 ? std::max(0.0, rubbed_.mean() / both) : 0;
+            const double slowed = (slowed_[0][0].mean() + slowed_[0][1].mean()) / 2;
+            found_.friction_Nm = both > 0 ? std::max(0.0, -slowed / both) : 0;
             k7_per_kg_m_ = both / 2;
             pushed_well_ = pushed_well();
             const double error = kSure * std::max(forward_error_.left, forward_error_.right);
@@ -456,10 +459,18 @@ class Probe {
         if (!answers_stand_out()) return false;
         const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
         const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
-        const IdentCause fault =
-            wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart, pushed_well_);
+        found_.on_floor = speed_acts(slowed(own.right > own.left ? 1 : 0));
+        const IdentCause fault = wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
+                                                  pushed_well_ && !found_.on_floor);
         if (fault != IdentCause::none) end(fault);
         return fault != IdentCause::none;
+    }
+    Slowed slowed(std::size_t wheel) const {
+        const Mean& straight = slowed_[0][wheel];
+        const Mean& turning = slowed_[1][wheel];
+        const double forward = wheel == 0 ? -1 : 1;  // the left one turns backwards in the pushes that turn
+        return {straight.mean(), forward * turning.mean(),
+                kSure * std::hypot(straight.error(), turning.error())};
     }
     // Pushes that moved nothing, or nothing that stands out.
     bool judge_answers() {
@@ -627,7 +638,7 @@ class Probe {
     Mean noise_power_;
     WheelPair<double> push_begin_;
     std::array<Mean, 2> answered_{};
-    Mean rubbed_;
+    std::array<std::array<Mean, 2>, 2> slowed_{};  // pushes forward and turning, each wheel
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
     Stage stage_before_ = Stage::done;
     double level_Nm_ = 0;  // of the whole pulses

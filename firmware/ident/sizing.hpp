@@ -43,7 +43,7 @@ inline constexpr double kSpeedPerRoom_per_s = 8.0 / 15;
 inline constexpr double kBrakingShare = 0.15;
 // Of the speed limit that one bit changes the speed by: less wastes the room that the limit gives, more makes
 // the overrides choose the torque instead of the sequence.
-inline constexpr double kBitShare = 0.35;
+inline constexpr double kBitShare = 0.48;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
 inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
@@ -92,12 +92,13 @@ inline double quiet_block_s(double angle_noise_rad, double acceleration_rad_per_
 }
 
 // A limit that the measured speed's own noise would cross is none. The noise is the observer's, as
-// feedback_linearisation.hpp has it for one wheel, with a bandwidth of 250 rad/s; of the mean of two.
+// feedback_linearisation.hpp has it for one wheel, of the mean of two; with the largest bandwidth that
+// velocity_loop_speed.hpp gives, 12.5 in fifty cycles.
 inline constexpr double kLeastSpeedOverNoise = 10;
 inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& found) {
-    constexpr double kBandwidth_rad_per_s = 250;
-    return r.radius_m * found.angle_noise_rad * kBandwidth_rad_per_s *
-           std::sqrt(kBandwidth_rad_per_s * r.sample_time_s / 2);
+    constexpr double kFastestObserver = 12.5 / 50;  // over a cycle
+    return r.radius_m * found.angle_noise_rad * kFastestObserver / r.sample_time_s *
+           std::sqrt(kFastestObserver / 2);
 }
 
 // A wheel whose angle stays within the noise, taken over this span, may stand.

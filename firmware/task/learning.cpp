@@ -311,7 +311,8 @@ double Learning::progress() const {
         {e.standard_error.k7_per_kg_m / std::abs(e.dynamics.k7_per_kg_m) / relative_standard_error_,
          e.standard_error.k8_per_kg_m2 / std::abs(e.dynamics.k8_per_kg_m2) / relative_standard_error_,
          run_.coupling_error_m() / run_.sizing().coupling_standard_error_m});
-    const double by_error = worst > 0 ? 1 / (worst * worst) : 0;
+    const double by_error =
+        std::min(worst > 0 ? 1 / (worst * worst) : 0, run_.elapsed_s() / run_.shortest_s());
     const double by_time = run_.elapsed_s() / duration_s_;
     const double share = std::max(std::isfinite(by_error) ? by_error : 0.0, by_time);
     return std::clamp(share, 0.0, 0.99);

@@ -62,6 +62,10 @@ TEST(ChainIdentification, all_four_within_two_percent_and_intervals_that_hold) {
             "%%\n",
             i + 5, 100 * worst[i], 100 * std::sqrt(square[i] / n), z_sum[i] / n, std::sqrt(z_square[i] / n),
             100 * coverage);
+    }
+    for (std::size_t i = 0; i < 4; ++i) {
+        const double n = seeds;
+        const double coverage = covered[i] / n;
         CHECK(worst[i] < 0.02);
         // The demand is made of the 200 seeds; 30 are given three standard errors of their own statistics.
         const bool all = seeds >= 200;

@@ -156,6 +156,20 @@ TEST(ProbeParts, a_centre_of_gravity_beside_the_middle_is_no_lifted_wheel) {
                                   std::max(error, ident::kPushedApart)) == IdentCause::none);
 }
 
+// A weak drive beside a centre of gravity beside the middle, on a robot whose wheels do nothing to each
+// other: `wheelwright robots --seed 857227502 --only 53`, as its pushes saw it.
+TEST(ProbeParts, speed_that_acts_on_the_other_wheel_tells_the_floor) {
+    const ident::WheelAnswers answers{{0.3250, 0.5874}, {0.00035, 0.00094}};
+    const double apart = ident::kPushedApart * answers.own.right;
+    CHECK(ident::wheel_off_ground(answers, 0.0006, apart) == IdentCause::right_wheel_off_ground);
+    const ident::Slowed right{-0.0118, -0.0274, 0.001};
+    CHECK(ident::speed_acts(right));
+    CHECK(ident::wheel_off_ground(answers, 0.0006, apart, !ident::speed_acts(right)) == IdentCause::none);
+    // friction alone, a third more of it in one direction; noise
+    CHECK_FALSE(ident::speed_acts({-0.015, -0.020, 0}));
+    CHECK_FALSE(ident::speed_acts({-0.0118, -0.0274, 0.01}));
+}
+
 namespace {
 
 ident::SizingRequest request() {

@@ -22,7 +22,7 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
      {"K7 and K8 are known and kept, K5 and K6 are not yet and stay as they were",
       "for these a longer ident.duration_s, or a higher ident.yaw_rate_limit_rad_per_s"}},
     {IdentCause::time_over,
-     {"time was up before K7 and K8 were known well enough",
+     {"time was up before K7 and K8, or left and right, were known well enough",
       "a longer ident.duration_s, more room (ident.distance_limit_m) or a higher ident.speed_limit_m_per_s"}},
     {IdentCause::area_left,
      {"the robot was farther from its start than ident.distance_limit_m",

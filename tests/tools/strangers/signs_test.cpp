@@ -71,6 +71,15 @@ TEST(SmallRooms, noise_in_the_probe_does_not_make_the_brakes_run_away) {
     std::printf("50 robots in rooms of 0.1 m: %.3f m at most\n", farthest_m);
 }
 
+TEST_GROUP(LoneWheels){};
+
+// By chance the wheels do nothing to each other, and a weak drive and the centre of gravity make them unlike.
+TEST(LoneWheels, on_the_floor_are_not_taken_for_lifted) {
+    const RobotResult result = run_trial(draw_robot(857227502, 53), {"", false});
+    STRCMP_EQUAL("good_enough", result.end.c_str());
+    CHECK(result.worst_error() < 0.02);
+}
+
 TEST_GROUP(NoisyEncoders){};
 
 // White noise of a tenth of a degree on the wheel's angle, worse than any encoder that is drawn with a gear
