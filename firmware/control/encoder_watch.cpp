@@ -45,6 +45,7 @@ void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
     wheels_[1].angle_rad = angle_rad.right;
     instants_known_ = cycles_ = 0;
     against_cycles_ = {};
+    mirrored_ = false;
 }
 
 bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
@@ -55,9 +56,8 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     const WheelPair<double>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
     expected_rad_per_s_.right += elapsed_s * expected.right;
-    const bool looks = ++cycles_ >= settings_.span_cycles;
-    if (looks && mirrored(speed) && model_known) return true;
-    if (observer.both_leap()) return true;
+    ++cycles_;
+    if ((mirrored_ && model_known) || observer.both_leap()) return true;
     const WheelPair<double> unexplained = observer.unexplained_acceleration();
     const bool left =
         still(wheels_[0], angle_rad.left, told_ns[0], speed.left, unexplained.left, torque_Nm.left);
@@ -156,6 +156,7 @@ double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double
 
 // Once in each span.
 bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
+    span_cycles_ = cycles_;
     cycles_ = 0;
     newest_ = (newest_ + 1) % kInstants;
     instants_[newest_] = {speed_rad_per_s, expected_rad_per_s_};
@@ -217,7 +218,7 @@ bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
         cycles = 0;
     } else if (std::abs(told.left + expected.left) <= kLikeness * size &&
                std::abs(told.right - expected.right) <= kLikeness * size) {
-        cycles += settings_.span_cycles;
+        cycles += span_cycles_;
     }
     return cycles >= kAgainstCycles;
 }

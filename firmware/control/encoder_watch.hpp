@@ -54,6 +54,11 @@ class EncoderWatch {
                 const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
                 const WheelPair<double>& torque_Nm, const PlantModel<double>& plant, bool model_known);
 
+    // Where the cycle has time for it, after update(): about 150 instructions once in a span.
+    void look(const WheelPair<double>& speed_rad_per_s) {
+        if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s);
+    }
+
     // The same where one wheel is pushed alone.
     bool update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm);
 
@@ -95,6 +100,8 @@ class EncoderWatch {
     double unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};
+    int span_cycles_ = 0;  // that the last span took
+    bool mirrored_ = false;
     int cycles_ = 0;  // since the newest
 };
 

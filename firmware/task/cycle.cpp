@@ -88,6 +88,7 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
+    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s);
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 
