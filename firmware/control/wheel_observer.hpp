@@ -164,6 +164,9 @@ class WheelObserver {
         return {wheels_[0].taken.time_ns, wheels_[1].taken.time_ns};
     }
 
+    // Both wheels' samples are refused, again and again, at one time: no drive's new origin does that.
+    bool both_leap() const { return wheels_[0].refused_alike > 1 && wheels_[1].refused_alike > 1; }
+
     // What the model alone expects of the wheels in the cycle that ended at the last update, rad/s^2.
     const WheelPair<Real>& expected_acceleration() const { return expected_; }
 

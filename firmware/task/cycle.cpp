@@ -88,6 +88,7 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
+    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s);
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 
@@ -182,9 +183,7 @@ bool Cycle::encoder_implausible(const Observed& seen) {
         return encoder_watch_.update_alone(angle_rad, seen.last_torque_Nm);
     }
     return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
-                                 seen.motion.wheel_speed_rad_per_s, seen.last_torque_Nm,
-                                 control_.plant().geometry, senses_.observer().unexplained_acceleration(),
-                                 may_brake() ? &control_.plant().dynamics : nullptr);
+                                 senses_.observer(), seen.last_torque_Nm, control_.plant(), may_brake());
 }
 
 // What the host asks, and who may drive now.

@@ -134,6 +134,30 @@ TEST(ChainTrust, a_frozen_encoder_ends_a_ramp_to_idle_and_torque_mode_at_speed_t
     });
 }
 
+// The loop then pushes a wheel the more, the more it turns.
+TEST(ChainTrust, an_encoder_that_begins_to_count_the_other_way_takes_the_torque_away) {
+    double longest_s = 0, fastest = 0;
+    for_each_layout([&](const Layout& layout) {
+        for (const double speed : {0.0, 0.2, 0.5, 2.0}) {
+            Scene scene(layout);
+            scene.cruise(layout.way * speed);
+            scene.sim.world().drive(layout.side).reverse_encoder();
+            if (speed == 0) scene.sim.host().velocity({layout.way * 0.5, 0});
+            const Scene::Worst worst = scene.run(1);
+            longest_s = std::max(longest_s, worst.last_torque_s);
+            fastest = std::max(fastest, worst.rim_m_per_s - speed);
+            const std::string text = layout.name() + ", at " + std::to_string(speed) + " m/s: torque for " +
+                                     std::to_string(worst.last_torque_s) + " s, fastest " +
+                                     std::to_string(worst.rim_m_per_s) + ", fault " +
+                                     std::to_string(int(scene.fault()));
+            CHECK_TEXT(worst.last_torque_s <= 0.1, text.c_str());
+            CHECK_TEXT(worst.rim_m_per_s <= speed + 1.2, text.c_str());
+            CHECK_TEXT(scene.fault() == Fault::encoder_implausible, text.c_str());
+        }
+    });
+    std::printf("  torque for %.0f ms at most, rims %.2f m/s quicker\n", 1e3 * longest_s, fastest);
+}
+
 // At any moment of an identification, also of a robot of which nothing is known.
 TEST(ChainTrust, a_frozen_encoder_ends_an_identification_inside_its_area) {
     double farthest = 0, fastest = 0;

@@ -1,5 +1,8 @@
 #include "tools/torture/healthy.hpp"
 
+#include <cmath>
+#include <optional>
+
 #include "firmware/control/limits.hpp"
 #include "firmware/control/trajectory.hpp"
 #include "tools/sim/experiments.hpp"
@@ -11,11 +14,88 @@ namespace {
 using protocol::Mode;
 
 constexpr std::uint64_t kHealthyStream = 0x72;
+constexpr std::uint64_t kGroundStream = 0x73;
+
+// What pushes a robot on rough ground, in shares of what its torque can push, or of half its weight if that
+// is less.
+class Ground {
+  public:
+    Ground(const SceneSetup& setup, sim::World& world)
+        : world_(world), random_(setup.seed, kGroundStream), half_track_m_(setup.truth.geometry.track_m / 2) {
+        const sim::PlantParameters& plant = world.plant().actual();
+        mass_kg_ = plant.mass_kg;
+        most_N_ = std::min(2 * setup.believed.limits.torque_Nm / plant.geometry.mean_radius_m(),
+                           kSteepest * model::kGravity_m_per_s2 * mass_kg_);
+    }
+
+    // Where nothing holds the robot.
+    void flat() {
+        slope_ = camber_ = 0;
+        bump_cycles_ = held_cycles_ = 0;
+        world_.plant().set_disturbance({});
+    }
+
+    void step() {
+        sim::Plant& plant = world_.plant();
+        const Twist<double>& twist = plant.twist();
+        const bool moves = std::abs(twist.v_m_per_s) > 0.05 || std::abs(twist.omega_rad_per_s) > 0.1;
+        if (--slope_cycles_ < 0) {  // another one, within a tenth of a second
+            slope_cycles_ = static_cast<int>(uniform(500, 4000));
+            next_slope_ = uniform(-kSlope, kSlope);
+            next_camber_ = uniform(-kCamber, kCamber);
+        }
+        slope_ += 0.01 * (next_slope_ - slope_);
+        camber_ += 0.01 * (next_camber_ - camber_);
+        if (moves && bump_cycles_ == 0 && random_.uniform() < kBumpsPerSecond * 1e-3) {
+            bump_cycle_ = 0;
+            bump_cycles_ = static_cast<int>(uniform(10, 60));
+            bump_N_ = uniform(0.2, kBump) * most_N_;
+            bump_arm_m_ = random_.bits() % 2 != 0 ? half_track_m_ : -half_track_m_;
+        }
+        if (moves && held_cycles_ == 0 && random_.uniform() < kHitsPerSecond * 1e-3) {
+            held_cycles_ = static_cast<int>(uniform(30, 400));
+            const double back = -uniform(0, kGivesBack);
+            plant.place(plant.pose(),
+                        {back * twist.v_m_per_s, uniform(-kGivesBack, 1) * twist.omega_rad_per_s});
+        }
+        sim::Disturbance push{slope_ * most_N_, camber_ * most_N_ * half_track_m_};
+        if (bump_cycles_ > 0) {
+            const double way = twist.v_m_per_s >= 0 ? 1 : -1;
+            const double force_N =
+                way * bump_N_ * std::sin(2 * kPi * (++bump_cycle_ + 0.5 * bump_cycles_) / bump_cycles_);
+            push.force_N += force_N;
+            push.yaw_torque_Nm -= force_N * bump_arm_m_;
+            if (bump_cycle_ >= bump_cycles_) bump_cycles_ = 0;
+        }
+        if (held_cycles_ > 0) {  // by what it has hit
+            --held_cycles_;
+            push.force_N -= twist.v_m_per_s * mass_kg_ / kHeld_s;
+        }
+        plant.set_disturbance(push);
+    }
+
+  private:
+    static constexpr double kSteepest = 0.5;  // of the weight
+    static constexpr double kSlope = 0.4, kCamber = 0.3, kBump = 1.5;
+    static constexpr double kBumpsPerSecond = 1, kHitsPerSecond = 0.05;
+    static constexpr double kGivesBack = 0.3;
+    static constexpr double kHeld_s = 0.01;
+    static constexpr double kPi = 3.141592653589793;
+    double uniform(double low, double high) { return low + (high - low) * random_.uniform(); }
+
+    sim::World& world_;
+    sim::Random random_;
+    double half_track_m_, most_N_ = 0, mass_kg_ = 0;
+    int slope_cycles_ = 0, bump_cycle_ = 0, bump_cycles_ = 0, held_cycles_ = 0;
+    double slope_ = 0, camber_ = 0, next_slope_ = 0, next_camber_ = 0, bump_N_ = 0, bump_arm_m_ = 0;
+};
 
 class Driver {
   public:
-    Driver(const SceneSetup& setup, HealthyResult& result)
-        : scene_(setup), result_(result), random_(setup.seed, kHealthyStream) {}
+    Driver(const SceneSetup& setup, HealthyResult& result, bool rough)
+        : scene_(setup), result_(result), random_(setup.seed, kHealthyStream) {
+        if (rough) ground_.emplace(setup, scene_.sim().world());
+    }
 
     void drive(double duration_s) {
         Simulation& sim = scene_.sim();
@@ -49,6 +129,9 @@ class Driver {
 
   private:
     double uniform(double low, double high) { return low + (high - low) * random_.uniform(); }
+    std::function<void()> ground() {
+        return ground_ ? [this] { ground_->step(); } : std::function<void()>{};
+    }
 
     // Frames are lost, also those that ask for a mode.
     bool enter(Mode mode) {
@@ -74,17 +157,30 @@ class Driver {
                                 std::string(protocol::to_string_view(mode)) + ": " + what);
     }
 
-    // Runs on in a mode, which must not be left.
-    void stay(Mode mode, double duration_s) {
+    // Runs on in a mode, which must not be left. False: it was.
+    bool stay(Mode mode, double duration_s) {
         const auto& supervisor = scene_.sim().cycle().supervisor();
-        if (scene_.sim().run_until([&] { return supervisor.mode() == Mode::fault; }, duration_s))
-            note(mode, std::string(protocol::to_string_view(supervisor.fault())));
+        const auto stopped = [&] { return supervisor.mode() == Mode::fault; };
+        if (!scene_.sim().run_until(stopped, duration_s, ground())) return true;
+        if (!rushed()) note(mode, std::string(protocol::to_string_view(supervisor.fault())));
+        return false;
+    }
+
+    // Down a slope, say, truly faster than its limits: that is no false trip.
+    bool rushed() {
+        const auto& supervisor = scene_.sim().cycle().supervisor();
+        const auto& safety = scene_.setup().believed.safety;
+        const Twist<double>& twist = scene_.sim().world().twist();
+        return ground_ && supervisor.fault() == protocol::Fault::over_speed &&
+               (std::abs(twist.v_m_per_s) > 0.9 * safety.over_speed_m_per_s ||
+                std::abs(twist.omega_rad_per_s) > 0.9 * safety.over_yaw_rate_rad_per_s);
     }
 
     void rest() {
         Simulation& sim = scene_.sim();
         const auto& supervisor = sim.cycle().supervisor();
         sim.host().silence();
+        if (ground_) ground_->flat();
         const auto idle = [&] {
             return supervisor.mode() == Mode::idle && supervisor.phase() == supervisor::Phase::steady;
         };
@@ -114,10 +210,7 @@ class Driver {
         };
         any();
         if (!enter(Mode::velocity)) return;
-        for (int i = 0; i < 8; ++i) {
-            stay(Mode::velocity, uniform(0.1, 3));
-            any();
-        }
+        for (int i = 0; i < 8 && stay(Mode::velocity, uniform(0.1, 3)); ++i) any();
     }
 
     void goals() {
@@ -128,10 +221,7 @@ class Driver {
         };
         any();
         if (!enter(Mode::pose)) return;
-        for (int i = 0; i < 4; ++i) {
-            stay(Mode::pose, uniform(1, 8));
-            any();
-        }
+        for (int i = 0; i < 4 && stay(Mode::pose, uniform(1, 8)); ++i) any();
     }
 
     void path(Mode mode) {
@@ -152,8 +242,8 @@ class Driver {
         if (!enter(Mode::ident)) return;
         const auto& supervisor = scene_.sim().cycle().supervisor();
         scene_.sim().run_until([&] { return supervisor.mode() != Mode::ident; },
-                               scene_.setup().believed.ident.duration_s + 2);
-        if (supervisor.mode() == Mode::fault)
+                               scene_.setup().believed.ident.duration_s + 2, ground());
+        if (supervisor.mode() == Mode::fault && !rushed())
             note(Mode::ident, std::string(protocol::to_string_view(supervisor.fault())));
         scene_.sim().run_for(0.5);
     }
@@ -161,16 +251,22 @@ class Driver {
     Scene scene_;
     HealthyResult& result_;
     sim::Random random_;
+    std::optional<Ground> ground_;
 };
 
 }  // namespace
 
-HealthyResult drive_healthy(std::uint64_t seed, double duration_s) {
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough) {
     HealthyResult result;
     result.seed = seed;
-    const SceneSetup setup = scene_setup(seed, TorturedRobots::drawn);
+    SceneSetup setup = scene_setup(seed, TorturedRobots::drawn);
     result.robot = setup.text();
-    Driver(setup, result).drive(duration_s);
+    if (rough && seed % 2 == 0) {
+        const std::size_t slip = model::find_effect("wheel_slip");
+        setup.truth.effects.active[slip] = true;
+        setup.truth.effects.parameter[slip] = {0.5, 0.05};
+    }
+    Driver(setup, result, rough).drive(duration_s);
     return result;
 }
 

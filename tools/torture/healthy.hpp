@@ -19,7 +19,9 @@ struct HealthyResult {
 
 // One robot, identified well, for a time: idle, velocities, goals, paths, adaptation and identification in
 // turn, with the noise of its file and a loss of one frame in a thousand.
-HealthyResult drive_healthy(std::uint64_t seed, double duration_s);
+// `rough`: on rough ground, too. Slopes that come and go, bumps under one wheel, obstacles that it hits, and
+// for each second robot tyres that slip.
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough = false);
 
 inline constexpr std::size_t kHealthyRobots = 20;
 inline constexpr double kHealthyLoss = 0.001;  // of the frames

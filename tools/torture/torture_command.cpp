@@ -42,6 +42,7 @@ struct Options {
     std::string page;
     std::string json;
     bool list = false;
+    bool rough = false;
 };
 
 TorturedRobots robots_of(const Options& options) {
@@ -205,18 +206,20 @@ std::function<void(std::size_t)> counting(CampaignProgress& state, ProgressLine&
 
 int run_healthy(const Options& options) {
     catch_interrupt();
-    std::vector<HealthyResult> results(kHealthyRobots);
+    const std::uint64_t first = options.seed > 0 ? options.seed : options.first_seed;
+    const std::size_t robots = options.seed > 0 ? 1 : kHealthyRobots;
+    std::vector<HealthyResult> results(robots);
     std::mutex mutex;
     CampaignProgress state;
-    state.all = kHealthyRobots;
+    state.all = robots;
     {
         ProgressLine line;
         const auto count = counting(state, line, mutex, "robot");
         in_parallel(
-            kHealthyRobots, options.jobs, [] { return interrupted(); },
+            robots, options.jobs, [] { return interrupted(); },
             [&](std::size_t i) {
                 results[i] =
-                    drive_healthy(options.first_seed + i, 3600 * options.healthy_hours / kHealthyRobots);
+                    drive_healthy(first + i, 3600 * options.healthy_hours / kHealthyRobots, options.rough);
                 count(i);
             });
     }
@@ -232,7 +235,7 @@ int run_healthy(const Options& options) {
                         result.robot.c_str(), trip.c_str());
     }
     std::printf("%.2f hours on %zu robots, %zu drives, %.1f %% of the frames lost: %zu false trips\n",
-                driven_s / 3600, kHealthyRobots, drives, 100 * kHealthyLoss, trips);
+                driven_s / 3600, robots, drives, 100 * kHealthyLoss, trips);
     return trips == 0 && !interrupted() ? kDone : kAimMissed;
 }
 
@@ -356,8 +359,9 @@ void add_torture(const CommandLine& program, Run& run) {
     command.add_option("--first-seed", options->first_seed, "The first of them")
         .check(from_to("1", "1000000000"))
         .show_default();
-    const Option seed = command.add_option("--seed", options->seed, "One seed again; with --kind, in full")
-                            .check(from_to("1", "2000000000"));
+    const Option seed =
+        command.add_option("--seed", options->seed, "One seed again, or one robot; with --kind, in full")
+            .check(from_to("1", "2000000000"));
     const Option kind = command.add_option("--kind", options->kind, "Only this kind of fault");
     command.add_flag("--list", options->list, "Print the kinds of fault and end");
     command.add_option("--robots", options->robots, "Whose robots")
@@ -369,6 +373,8 @@ void add_torture(const CommandLine& program, Run& run) {
         .add_option("--healthy-hours", options->healthy_hours,
                     "Instead: so many hours of normal driving on twenty drawn robots")
         .check(from_to("0.01", "100000"));
+    command.add_flag("--rough", options->rough,
+                     "With --healthy-hours: slopes, bumps, obstacles, tyres that slip");
     command
         .add_option("--kill-saves", options->kill_saves,
                     "Instead: so many processes killed while they save a robot file")

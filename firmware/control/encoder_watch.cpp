@@ -1,0 +1,226 @@
+#include "firmware/control/encoder_watch.hpp"
+
+namespace wheelwright::control {
+namespace {
+
+constexpr double kUnseen_rad = 1.5 * kCoarsestStep_rad;
+constexpr double kBrakesShare = 1.5;  // of what the torque brakes by, with friction
+constexpr int kHistoryCycles = 16;
+constexpr int kPushedCycles = 80;
+constexpr int kFrames = 4;
+
+constexpr int kSpans = 4;          // over which a speed is looked at
+constexpr double kLikeness = 0.5;  // so far from what it should be, or from its mirror image, as a share
+constexpr double kBeyondCreeping = 3;
+constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more than noise
+constexpr double kGainBeyondNoise = 2;
+constexpr double kGainShare = 0.45;  // of what full torque makes of a speed in a span: no slope does
+constexpr int kAgainstCycles = 80;
+constexpr int kAveraged = 64;  // spans
+
+}  // namespace
+
+EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) {
+    constexpr double kUnknownFriction = 0.25;  // of the torque limit, each way
+    constexpr double kFrictionMayBeWrong = 1.25;
+    constexpr double kBeside = 0.1;  // of the torque limit
+    const double limit_Nm = from.limits.torque_Nm;
+    const double dry_Nm = limit_Nm - accelerating_Nm(from);
+    const double friction_Nm = dry_Nm > 0 ? kFrictionMayBeWrong * dry_Nm : kUnknownFriction * limit_Nm;
+    constexpr double kCycle_s = 1e-3;
+    // The observer follows within some of its time constants.
+    const double span_s = 1 / velocity_loop_speed(from, kCycle_s).observer_bandwidth_rad_per_s;
+    const int span_cycles = std::clamp(static_cast<int>(std::lround(span_s / kCycle_s)), 6, 20);
+    const double rim_per_Nm =
+        2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
+    const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
+    return {limit_Nm, std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
+            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(), span_cycles,
+            full_rad_per_s2 * span_cycles * kCycle_s};
+}
+
+void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
+    wheels_ = {};
+    wheels_[0].angle_rad = angle_rad.left;
+    wheels_[1].angle_rad = angle_rad.right;
+    instants_known_ = cycles_ = 0;
+    against_cycles_ = {};
+    mirrored_ = false;
+}
+
+bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
+                          const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
+                          const WheelPair<double>& torque_Nm, const PlantModel<double>& plant,
+                          bool model_known) {
+    const WheelPair<double>& speed = observer.motion().wheel_speed_rad_per_s;
+    const WheelPair<double>& expected = observer.expected_acceleration();
+    expected_rad_per_s_.left += elapsed_s * expected.left;
+    expected_rad_per_s_.right += elapsed_s * expected.right;
+    ++cycles_;
+    if ((mirrored_ && model_known) || observer.both_leap()) return true;
+    const WheelPair<double> unexplained = observer.unexplained_acceleration();
+    const bool left =
+        still(wheels_[0], angle_rad.left, told_ns[0], speed.left, unexplained.left, torque_Nm.left);
+    const bool right =
+        still(wheels_[1], angle_rad.right, told_ns[1], speed.right, unexplained.right, torque_Nm.right);
+    if (!left && !right) return false;
+    const auto& radius_m = plant.geometry.wheel_radius_m;
+    // A body that turns pulls at its wheels: that alone may hold one against full torque.
+    const auto holds_Nm = model_known ? model::inverse_dynamics(plant.dynamics, observer.motion().twist, {})
+                                      : WheelPair<double>{};
+    const bool left_lies = left && hidden(wheels_[0], elapsed_s, torque_Nm.left, holds_Nm.left, radius_m.left,
+                                          plant, model_known);
+    const bool right_lies = right && hidden(wheels_[1], elapsed_s, torque_Nm.right, holds_Nm.right,
+                                            radius_m.right, plant, model_known);
+    return left_lies || right_lies;
+}
+
+bool EncoderWatch::update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm) {
+    const bool left = torque_Nm.left != 0 && torque_Nm.right == 0;
+    const bool right = torque_Nm.right != 0 && torque_Nm.left == 0;
+    Wheel& pushed = wheels_[right ? 1 : 0];
+    if ((!left && !right) || (right ? angle_rad.right : angle_rad.left) != pushed.angle_rad) {
+        rest(angle_rad);
+        return false;
+    }
+    return !(std::abs((right ? angle_rad.left : angle_rad.right) - wheels_[right ? 0 : 1].angle_rad) <=
+             kUnseen_rad);
+}
+
+// Whether the angle is the same as before.
+bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, double speed_rad_per_s,
+                         double unexplained_rad_per_s2, double torque_Nm) {
+    if (angle_rad == wheel.angle_rad) {
+        wheel.frames += told_ns != wheel.told_ns;
+        wheel.told_ns = told_ns;
+        return wheel.frames >= 0;
+    }
+    wheel.angle_rad = angle_rad;
+    wheel.torque_Nm = torque_Nm;
+    if (wheel.frames >= 0) {
+        wheel.frames = -1;
+        wheel.speed = wheel.unseen_rad = 0;
+        wheel.pushed_cycles = 0;
+    }
+    if (++wheel.history_age >= kHistoryCycles) {
+        wheel.speed_before = wheel.speed_lately;
+        wheel.speed_lately = speed_rad_per_s;
+        wheel.unexplained_before = wheel.unexplained_lately;
+        wheel.unexplained_lately = unexplained_rad_per_s2;
+        wheel.history_age = 0;
+    }
+    return false;
+}
+
+// Whether a wheel whose angle stands still has gone too far unseen.
+bool EncoderWatch::hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
+                          const PlantModel<double>& plant, bool model_known) const {
+    if (!model_known) {
+        const double beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
+        wheel.pushed_cycles = beyond_Nm != 0 ? wheel.pushed_cycles + 1 : 0;
+        return wheel.pushed_cycles >= kPushedCycles;
+    }
+    const double forward = plant.dynamics.k7_per_kg_m / radius_m;
+    const double turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
+    if (wheel.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
+        const double brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
+                              elapsed_s * (kHistoryCycles + wheel.history_age);
+        wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, 0.0);
+        if (wheel.speed_before < 0) wheel.speed = -wheel.speed;
+    }
+    const double beyond_Nm =
+        beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.unexplained_before / (2 * forward));
+    if (beyond_Nm != 0) {
+        wheel.speed += beyond_Nm * (forward + turning) * elapsed_s;
+    } else if (wheel.speed * torque_Nm < 0) {
+        wheel.speed = 0;
+    }
+    wheel.unseen_rad += wheel.speed * elapsed_s;
+    return wheel.frames >= kFrames && !(std::abs(wheel.unseen_rad) <= kUnseen_rad);
+}
+
+// What of a torque must turn the wheel.
+double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm,
+                                    double slope_Nm) const {
+    double least = std::min(0.0, holds_Nm);
+    double most = std::max(0.0, holds_Nm);
+    if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
+        const bool crept = std::max(std::abs(wheel.speed_before), std::abs(wheel.speed_lately)) <=
+                           settings_.creeping_rad_per_s;
+        const double held_Nm = crept ? wheel.torque_Nm : 0;
+        least = std::min({least, slope_Nm, held_Nm});
+        most = std::max({most, slope_Nm, held_Nm});
+    }
+    return torque_Nm - std::clamp(torque_Nm, least - settings_.held_Nm, most + settings_.held_Nm);
+}
+
+// Once in each span.
+bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
+    span_cycles_ = cycles_;
+    cycles_ = 0;
+    newest_ = (newest_ + 1) % kInstants;
+    instants_[newest_] = {speed_rad_per_s, expected_rad_per_s_};
+    instants_known_ = std::min(instants_known_ + 1, int(kInstants));
+    if (instants_known_ <= kSpans) return false;
+    const Instant& now = instants_[newest_];
+    const Instant& last = instants_[(newest_ - 1) % kInstants];
+    const WheelPair<double> expected{now.expected_rad_per_s.left - last.expected_rad_per_s.left,
+                                     now.expected_rad_per_s.right - last.expected_rad_per_s.right};
+    const WheelPair<double> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
+                                 now.speed_rad_per_s.right - last.speed_rad_per_s.right};
+    // By the wheel that is more as expected, as the other one may lie.
+    const double unexpected =
+        std::min(std::abs(told.left - expected.left), std::abs(told.right - expected.right));
+    spans_averaged_ = std::min(spans_averaged_ + 1, kAveraged);
+    unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / spans_averaged_;
+
+    const Instant& from = instants_[(newest_ - kSpans) % kInstants];
+    const Lie lie = turned_round(from, now);
+    const bool turned = lie != Lie::none && lie == turned_round(from, last);
+    const bool left = against(0, expected, told);
+    const bool right = against(1, {expected.right, expected.left}, {told.right, told.left});
+    return turned || left || right;
+}
+
+// Whether a wheel's speed is the mirror image of what torque and inertia have made of it, or the other
+// wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
+// wheel too; and a wall gives back less than half.
+EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
+    const double least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
+                                   kBeyondCreeping * settings_.creeping_rad_per_s});
+    const double left =
+        from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
+    const double right =
+        from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
+    const WheelPair<double>& told = to.speed_rad_per_s;
+    const auto is = [](double a, double b, double speed) { return std::abs(a - b) <= kLikeness * speed; };
+    const double left_size = std::abs(left);
+    const double right_size = std::abs(right);
+    if (left_size >= least && is(told.left, -left, left_size) && is(told.right, right, left_size))
+        return Lie::left;
+    if (right_size >= least && is(told.right, -right, right_size) && is(told.left, left, right_size))
+        return Lie::right;
+    const double apart = std::abs(left - right);
+    if (apart >= 2 * least && is(told.left, right, apart / 2) && is(told.right, left, apart / 2))
+        return Lie::swapped;
+    return Lie::none;
+}
+
+// Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other
+// one does what is expected. `expected`, `told`: this wheel's gain in the last span first.
+bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
+                           const WheelPair<double>& told) {
+    const double size = std::abs(expected.left);
+    int& cycles = against_cycles_[wheel];
+    if (size < std::max(kGainShare * settings_.full_rad_per_s, kGainBeyondNoise * unexpected_rad_per_s_))
+        return false;  // tells nothing
+    if (std::abs(told.left - expected.left) <= kLikeness * size) {
+        cycles = 0;
+    } else if (std::abs(told.left + expected.left) <= kLikeness * size &&
+               std::abs(told.right - expected.right) <= kLikeness * size) {
+        cycles += span_cycles_;
+    }
+    return cycles >= kAgainstCycles;
+}
+
+}  // namespace wheelwright::control
