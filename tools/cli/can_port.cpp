@@ -69,7 +69,7 @@ bool receive_until(hal::SocketCanBus& bus, hal::ReceivedFrame& out, std::int64_t
             continue;
         }
         const std::int64_t wait_ns = std::min(left_ns, kLongestPoll_ns);
-        const timespec wait{0, wait_ns};
+        const timespec wait{0, static_cast<long>(wait_ns)};
         pollfd ready{bus.descriptor(), POLLIN, 0};
         ::ppoll(&ready, 1, &wait, nullptr);
     }
@@ -89,7 +89,7 @@ void forget_interrupt() { g_interrupted = 0; }
 void sleep_until(std::int64_t deadline_ns) {
     timespec until{};
     until.tv_sec = deadline_ns / 1'000'000'000;
-    until.tv_nsec = deadline_ns % 1'000'000'000;
+    until.tv_nsec = static_cast<long>(deadline_ns % 1'000'000'000);
     while (!interrupted() && ::clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, nullptr) == EINTR) {
     }
 }

@@ -92,8 +92,8 @@ template Option CommandLine::add_option(const std::string&, std::string&, const 
 template Option CommandLine::add_option(const std::string&, double&, const std::string&) const;
 template Option CommandLine::add_option(const std::string&, float&, const std::string&) const;
 template Option CommandLine::add_option(const std::string&, int&, const std::string&) const;
-template Option CommandLine::add_option(const std::string&, long&, const std::string&) const;
-template Option CommandLine::add_option(const std::string&, unsigned long&, const std::string&) const;
+template Option CommandLine::add_option(const std::string&, std::int64_t&, const std::string&) const;
+template Option CommandLine::add_option(const std::string&, std::uint64_t&, const std::string&) const;
 template Option CommandLine::add_option(const std::string&, std::vector<std::string>&,
                                         const std::string&) const;
 template Option CommandLine::add_option(const std::string&, std::vector<double>&, const std::string&) const;

@@ -200,7 +200,8 @@ ReplayResult replay(const task::BlackBoxFile& file) {
         result.problem = "its memory has another size than this build's";
         return result;
     }
-    for (std::size_t i = file.memory_cycle + 1 - file.first_cycle; i < file.cycles.size(); ++i) {
+    for (auto i = static_cast<std::size_t>(file.memory_cycle + 1 - file.first_cycle); i < file.cycles.size();
+         ++i) {
         const BoxCycle& recorded = file.cycles[i];
         const task::CycleRecord& told = recorded.told;
         script.begin(recorded);
