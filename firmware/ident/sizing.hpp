@@ -47,7 +47,8 @@ inline constexpr double kBitShare = 0.48;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
 inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
-inline constexpr double kCalmBit_s = 0.040;
+// Torque: what fills the limits in so long a bit, or so many times the friction.
+inline constexpr double kCalmBit_s = 0.055;
 inline constexpr double kOverFriction = 12;
 // Below the torque at which a drive clips, as it says itself, and as the motion says.
 inline constexpr double kBelowReported = 0.95;

@@ -105,13 +105,13 @@ const std::array kTable{
     WW_REAL(0x0087, dynamics_standard_error.k8_per_kg_m2, "1/(kg m^2)", 0.0, 0.0, 1e5, idle, "standard error of K8"),
 
     WW_REAL(0x00A0, ident.amplitude_Nm, "Nm", 0.0, 0.01, 1000.0, idle, "size of the excitation torque on each wheel; auto: as large as torque, speed and room allow"),
-    WW_REAL(0x00A1, ident.bit_time_s, "s", 0.0, 0.001, 0.25, idle, "length of one bit of the excitation; auto: so that a bit changes the speed by a third of its limit"),
+    WW_REAL(0x00A1, ident.bit_time_s, "s", 0.0, 0.001, 0.25, idle, "length of one bit of the excitation; auto: so that a bit changes the speed by about half of its limit"),
     WW_REAL(0x00A2, ident.duration_s, "s", 85.0, 1.0, 250.0, idle, "longest time the identification may take, its probe included; it takes four tenths of that at least"),
     WW_REAL(0x00A3, ident.speed_limit_m_per_s, "m/s", 0.0, 0.02, 5.0, idle, "speed the excitation is kept within; auto: crosses the room in some seconds, and can brake in it"),
     WW_REAL(0x00A4, ident.yaw_rate_limit_rad_per_s, "rad/s", 0.0, 0.1, 25.0, idle, "yaw rate the excitation is kept within; auto: wheels as fast as straight on"),
     WW_REAL(0x00A5, ident.distance_limit_m, "m", 1.5, 0.1, 25.0, idle, "distance from the starting point the excitation is kept within"),
     WW_REAL(0x00A6, ident.relative_standard_error, "", 0.005, 1e-4, 0.5, idle, "standard error over value at which K7 and K8 are good enough"),
-    WW_REAL(0x00A7, ident.kernel_s, "s", 0.0, 0.002, 0.25, idle, "half width of the averaging kernel of the regression; auto: two bits, or one where friction is large"),
+    WW_REAL(0x00A7, ident.kernel_s, "s", 0.0, 0.002, 0.25, idle, "half width of the averaging kernel of the regression; auto: about one bit, as short as the encoders' noise allows"),
     WW_REAL(0x00A8, ident.delay_phase_s, "s", 1.0, 0.5, 60.0, idle, "least time given to measuring the actuation delay"),
     WW_REAL(0x00AB, ident.coupling_standard_error_m, "m", 0.0, 1e-6, 1.0, idle, "standard error at which K5, and K6 as a length, are good enough; auto: where it no longer matters at the yaw rate limit"),
 
