@@ -14,7 +14,7 @@ constexpr double kLikeness = 0.5;  // so far from what it should be, or from its
 constexpr double kBeyondCreeping = 3;
 constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more than noise
 constexpr double kGainBeyondNoise = 2;
-constexpr double kGainShare = 0.45;  // of what full torque makes of a speed in a span: no slope does
+constexpr double kGainShare = 0.6;  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
 constexpr int kAveraged = 64;  // spans
 
