@@ -6,7 +6,7 @@ import sys
 PROGRAM, ROBOTS, FOLDER, CASE = sys.argv[1:]
 EFFECT = {"named": "quadratic_drag]\ndrag_N_s2_per_m2 = 4.0\n",
           "rivals": "torque_bias]\nleft_Nm = 0.12\nright_Nm = 0.12\n"}[CASE]
-DRIVES = {"named": ["ident", "velocity:1.3,-1,2", "velocity:-1.2,0.5,2", "velocity:1.6,0,2", "velocity:-1.6,0,2"],
+DRIVES = {"named": ["ident", "velocity:1.3,-1,4", "velocity:-1.2,0.5,4", "velocity:1.6,0,4", "velocity:-1.6,0,4"],
           "rivals": [f"velocity:{sign * speed},0,1.5" for speed in (0.8, 0.3, 1.2, 0.6, 1.5, 0.4) for sign in (1, -1)]}[CASE]
 
 
