@@ -41,11 +41,12 @@ bool soon(const std::atomic<bool>& level, bool wanted) {
 }  // namespace
 
 TEST_GROUP(LineGuard) {
-    void* memory_ =
-        mmap(nullptr, sizeof(std::atomic<bool>), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+    static constexpr std::size_t kBytes = 2 * sizeof(std::atomic<bool>);
+    void* memory_ = mmap(nullptr, kBytes, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
     std::atomic<bool>& level_ = *std::construct_at(static_cast<std::atomic<bool>*>(memory_), false);
+    std::atomic<bool>& may_end_ = *std::construct_at(&level_ + 1, false);
 
-    void teardown() override { munmap(memory_, sizeof(std::atomic<bool>)); }
+    void teardown() override { munmap(memory_, kBytes); }
 
     // A firmware that enables its drives and then does as `end` says.
     template <typename End>
@@ -79,7 +80,11 @@ TEST(LineGuard, so_does_one_whose_group_is_told_to_end_and_one_that_ends) {
         CHECK_TRUE(soon(level_, false));
         waitpid(firmware_, nullptr, 0);
     }
-    firmware_that([] { _exit(0); });
+    firmware_that([this] {
+        soon(may_end_, true);
+        _exit(0);
+    });
+    may_end_ = true;
     CHECK_TRUE(soon(level_, false));
     waitpid(firmware_, nullptr, 0);
 }
