@@ -16,6 +16,9 @@ struct Policy {
     double kept = 0.05;
     // Of calling one model better than another: three standard errors.
     double better = 0.0027;
+    // Of what the confirming segments deny, where little is missing, to be evaluated more closely: as many
+    // tests as a campaign of thousands of logs has.
+    double lead = 1e-6;
 
     // Sizes of interest, as shares of the torque (RMS over RMS). A hundredth is what torque constants and
     // currents are known to at best; where nothing else is found the rest of the torque is explained three
@@ -32,6 +35,8 @@ struct Policy {
 
     // Of what is missing: what a further effect has to explain, and what is unexplained of a place.
     double share_of_gap = 0.2;
+    // Of what was missing at first: what is left of it when all is explained is not worth a name.
+    double share_of_first_gap = 0.001;
     // Of the closable torque, unexplained beside effects.
     double share_unexplained = 0.1;
     // Of the squares: how much better a model is at least.

@@ -4,7 +4,6 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
-#include <limits>
 #include <optional>
 
 #include "tools/gap/hypotheses/hypotheses.hpp"
@@ -98,8 +97,6 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     constexpr double kFreeStep_s = 0.001;
     constexpr double kFreeShot_s = 2;  // in a longer one the wheels' angles stray, by which a ripple counts
     const std::vector<Stretch> shots = stretches(parts, kFreeShot_s, setting.geometry);
-    // Of each shot, as a logarithm: where the robot stops or runs away a shot misses many times what the
-    // others do, whatever the model, and must not outvote them.
     const auto missed = [&](const Members& members, const Fit& fit) {
         const SimulatedRobot robot = robot_of(members, fit, setting, turning);
         double sum = 0;
@@ -108,7 +105,7 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
             // speeds may keep that.
             WheelPair<double> mean;
             double samples = 0;
-            const double squares = free_run(
+            sum += free_run(
                 robot, shot, shot.log->samples[shot.first].speed_rad_per_s,
                 [&](std::size_t i, const WheelPair<double>& w) {
                     mean.left += w.left - shot.log->samples[i].speed_rad_per_s.left;
@@ -116,10 +113,9 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
                     ++samples;
                 },
                 kFreeStep_s);
-            sum += std::log(std::max(std::numeric_limits<double>::min(),
-                                     squares - (mean.left * mean.left + mean.right * mean.right) / samples));
+            sum -= (mean.left * mean.left + mean.right * mean.right) / samples;
         }
-        return sum / double(shots.size());
+        return sum;
     };
     std::optional<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
@@ -135,7 +131,7 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
         if (!with_all) with_all = missed(search.members, search.after);
         const double without_it = missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
         // one that runs away is no number; friction in its place is likelier, unless it does better
-        if (std::isfinite(without_it) && !(*with_all < without_it + (instead ? 0 : kPolicy.better_by)))
+        if (std::isfinite(without_it) && !(*with_all < (instead ? 1 : 1 + kPolicy.better_by) * without_it))
             return search.members[i].effect;
     }
     return std::nullopt;
