@@ -89,6 +89,8 @@ BlackBox::BlackBox(const CyclePorts& real, SaveMailbox& mailbox)
     if (real.drive_enable != nullptr) enable_line_.emplace(*this, *real.drive_enable);
 }
 
+BlackBox::~BlackBox() = default;
+
 CyclePorts BlackBox::ports() {
     return {drive_bus_,      host_bus_ ? &*host_bus_ : nullptr,   real_.left,
             real_.right,     stop_line_ ? &*stop_line_ : nullptr, enable_line_ ? &*enable_line_ : nullptr,

@@ -115,6 +115,7 @@ class BlackBox {
 
     // Takes 24 MB. `real` are the ports of machine or simulation.
     BlackBox(const CyclePorts& real, SaveMailbox& mailbox);
+    ~BlackBox();
     BlackBox(const BlackBox&) = delete;
     BlackBox& operator=(const BlackBox&) = delete;
 
