@@ -82,7 +82,8 @@ class CanBus {
     // bus is jammed. False where the machine cannot tell.
     virtual bool waits(std::uint32_t id) const = 0;
 
-    // Takes the oldest waiting frame. Own frames are never received. Returns would_block when none waits.
+    // Takes the oldest waiting frame. Own frames are never received. Returns would_block when none waits, or
+    // none did at the last look into the machine's queue; the next call looks anew.
     virtual CanStatus receive(ReceivedFrame& out) = 0;
 
     // Replaces the set of accepted frames; an empty set accepts nothing but error frames, and a new bus

@@ -256,12 +256,14 @@ bool SocketCanBus::take_waiting() {
         return false;
     }
     waiting_ = static_cast<std::size_t>(taken);
+    emptied_ = waiting_ < batch;
     return true;
 }
 
 CanStatus SocketCanBus::receive(ReceivedFrame& out) {
     for (;; ++next_) {
-        if (next_ == waiting_ && !take_waiting()) {
+        // A batch that was not full has emptied the queue: to ask at once again would be a call for nothing.
+        if (next_ == waiting_ && (std::exchange(emptied_, false) || !take_waiting())) {
             clocks_read_ = false;
             return down_ || bus_off_ ? CanStatus::bus_down : CanStatus::would_block;
         }

@@ -105,6 +105,7 @@ class SocketCanBus final : public CanBus {
     std::uint32_t last_overflow_ = 0;      // the kernel's counter, 32 bits wide
     std::int64_t realtime_offset_ns_ = 0;  // CLOCK_REALTIME - CLOCK_MONOTONIC
     std::int64_t last_timestamp_ns_ = 0;
+    bool emptied_ = false;  // the kernel's queue, by the last batch
     std::array<Incoming, batch> incoming_;
     std::array<iovec, batch> pieces_;
     std::array<mmsghdr, batch> messages_;

@@ -15,16 +15,12 @@ if(WHEELWRIGHT_SANITIZE)
         -fsanitize=address -fno-sanitize-recover=all -fno-omit-frame-pointer
         -fsanitize=shift,integer-divide-by-zero,unreachable,vla-bound,return,signed-integer-overflow,bounds
         -fsanitize=bool,enum,pointer-overflow,builtin,nonnull-attribute,returns-nonnull-attribute)
-    if(NOT WHEELWRIGHT_FUZZ)  # clang needs run-time types for it, and the core has none
-        target_compile_options(wheelwright_options INTERFACE -fsanitize=vptr)
-    endif()
+    # Not vptr: clang needs run-time types for it, and the core has none.
     target_link_options(wheelwright_options INTERFACE -fsanitize=address,undefined)
+    # For libFuzzer, which guides itself by it.
+    target_compile_options(wheelwright_options INTERFACE -fsanitize=fuzzer-no-link)
     # Tests that repeat one thing for statistics' sake repeat it less often.
     target_compile_definitions(wheelwright_options INTERFACE WHEELWRIGHT_SANITIZED)
-endif()
-
-if(WHEELWRIGHT_FUZZ)
-    target_compile_options(wheelwright_options INTERFACE -fsanitize=fuzzer-no-link)
 endif()
 
 add_library(wheelwright_core_options INTERFACE)
@@ -36,8 +32,9 @@ if(WHEELWRIGHT_SANITIZE)
 endif()
 
 find_program(WHEELWRIGHT_CCACHE ccache)
-if(WHEELWRIGHT_CCACHE)
-    set(CMAKE_CXX_COMPILER_LAUNCHER ${WHEELWRIGHT_CCACHE})
+if(WHEELWRIGHT_CCACHE)  # what another clone of the project has compiled counts too
+    set(CMAKE_CXX_COMPILER_LAUNCHER ${CMAKE_COMMAND} -E env CCACHE_BASEDIR=${CMAKE_SOURCE_DIR} CCACHE_NOHASHDIR=1
+        ${WHEELWRIGHT_CCACHE})
 endif()
 
 # Eigen is a SYSTEM include, so that our warnings stay ours.
