@@ -106,10 +106,8 @@ std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const 
 
 std::optional<Denied> evaluate_all(Evaluations& evaluations, std::span<const LogPart> training) {
     evaluations.evaluate();
-    evaluations.evaluate_with_a_guess();
     evaluations.evaluate_closer(kBroadPasses);
-    const std::optional<Denied> denied = denied_by(evaluations, training);
-    return !denied && evaluations.evaluate_without_the_least() ? denied_by(evaluations, training) : denied;
+    return denied_by(evaluations, training);
 }
 
 // The robot found, for motions that would tell what it was named for from something else. `setting`, here and

@@ -175,26 +175,11 @@ void Evaluations::evaluate() {
     search_options.excluded = known.excluded;
     search_options.rivals_only = known.rivals_only;
     if (turning_) search_options.shown = known.shown;
-    for (std::size_t i = 0; !only_.empty() && i < model::kEffectCount; ++i) {
-        if (std::find(only_.begin(), only_.end(), i) == only_.end()) search_options.excluded.push_back(i);
-    }
     search_options.large_gap = known.large_gap;
     search_options.white_noise = known.white_noise;
-    for (const NamedEffect& e : current_->search.effects) search_options.confirmed.push_back(e.effect);
     search_options.turning = turning_;
     search_options.k7_per_kg_m = k7_per_kg_m_;
     current_->search = search(current_->train, search_options);
-}
-
-void Evaluations::evaluate_with_a_guess() {
-    const Search& s = current_->search;
-    if (s.conclusion.verdict != Verdict::unexplained || !s.effects.empty() || !s.guess) return;
-    const model::Dynamics<double> likely = dynamics_of(*s.guess, turning_, options_.geometry.track_m);
-    if (!(likely.k7_per_kg_m > 0) || close(likely, current_->dictionary.setting().dynamics)) return;
-    Evaluation before = put_aside();
-    make(likely, {}, true);
-    evaluate();
-    if (current_->search.effects.empty()) current_ = std::move(before);
 }
 
 void Evaluations::evaluate_closer(int broad) {
@@ -214,42 +199,6 @@ void Evaluations::evaluate_closer(int broad) {
             break;
         }
     }
-}
-
-bool Evaluations::evaluate_without_the_least() {
-    constexpr double kNextToNothing = 0.05;
-    const Search& s = current_->search;
-    if (s.effects.size() < 2 || s.conclusion.verdict == Verdict::unexplained ||
-        s.effects.back().closes > kNextToNothing)
-        return false;
-    if (s.is_shown(s.effects.back().effect)) return false;
-    std::vector<std::size_t> others;
-    Points points;
-    for (std::size_t i = 0; i + 1 < s.effects.size(); ++i) {
-        others.push_back(s.effects[i].effect);
-        const auto found = s.points.find(others.back());
-        if (found != s.points.end()) points.insert(*found);
-    }
-    if (points.empty()) return false;  // what is linear has one place
-    Evaluation before = put_aside();
-    only_ = others;
-    refinements_ = 0;
-    make(dynamics_found(), points, false);
-    evaluate();
-    evaluate_closer(0);
-    only_.clear();
-    if (current_->search.effects.size() == others.size()) {
-        make(dynamics_found(), current_->search.points, true);
-        evaluate();
-        keep_what_was_not_tried(current_->search, before.search);
-        if (current_->search.effects.size() == others.size() &&
-            current_->search.conclusion.verdict != Verdict::unexplained) {
-            evaluate_closer(0);
-            return true;
-        }
-    }
-    current_ = std::move(before);
-    return false;
 }
 
 // Times of events are tried closer together, but not much closer than their errors.

@@ -48,16 +48,9 @@ class Evaluations {
 
     // At everything, over the same blocks and columns as the last time.
     void evaluate();
-    // Where much is missing, K5..K8 without it may be far off, and with them the columns of effects that act
-    // through them: what is there looks as if it were not.
-    void evaluate_with_a_guess();
     // Columns may depend on K5..K8 (a slope's do), which what was missing had spoilt, and on where an effect
     // that is not linear was looked for. The first `broad` ones have everything in the catalogue.
     void evaluate_closer(int broad);
-    // An effect that closes next to nothing may only make up for another's being looked for in a wrong place.
-    // Whether it is there still, once the others have found their places without it? False: it is, or there
-    // is none such.
-    bool evaluate_without_the_least();
 
     // The torques turn the robot: the turning equation is used.
     bool turning() const { return turning_; }
@@ -89,7 +82,6 @@ class Evaluations {
     bool driving_ = true, turning_ = false;
     std::optional<double> k7_per_kg_m_;  // held, as nothing drives
     std::size_t blocks_ = 0;
-    std::vector<std::size_t> only_;  // these are looked for, or, if none, all
     int refinements_ = 0;
     double event_spacing_s_ = 0;
     std::optional<Evaluation> current_, first_;  // first: as it was before anything was looked for

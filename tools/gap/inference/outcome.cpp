@@ -11,10 +11,6 @@
 namespace wheelwright::gap {
 namespace {
 
-// Shares of the gain below which a rival's loss is none: no model of a robot is so exact. Where it is what
-// both predict, block by block, it is more surely the rival's.
-constexpr double kTrifleOfGain = 0.0005;
-constexpr double kTrifleOfGainPredicted = 0.0001;
 // Share of the gain, kept by a rival with more unknowns, that is chance.
 constexpr double kNoBetter = 1.005;
 
@@ -187,12 +183,10 @@ class Outcome {
             rival.richer =
                 unknowns(mine) < unknowns(its) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
-            const bool distinguished = evidence_.distinguishes(mine_there, other);
-            const bool worse = distinguished || surely_positive(loss, kPolicy.false_alarm);
-            const double trifle = distinguished ? kTrifleOfGainPredicted : kTrifleOfGain;
+            const bool worse =
+                evidence_.distinguishes(mine_there, other) || surely_positive(loss, kPolicy.false_alarm);
             if (!result_.is_shown(mine.effect) &&
-                (rival.confounded || (!worse && rival.keeps > 1 - kPolicy.share_of_gap) ||
-                 rival.keeps > 1 - trifle)) {
+                (rival.confounded || (!worse && rival.keeps > 1 - kPolicy.share_of_gap))) {
                 named.rivals.push_back(rival);
                 result_.moved_by_rivals.push_back(moved_by(other, instead));
             } else {

@@ -16,9 +16,6 @@ struct Policy {
     double kept = 0.05;
     // Of calling one model better than another: three standard errors.
     double better = 0.0027;
-    // Of what the confirming segments deny, where little is missing, to be evaluated more closely: as many
-    // tests as a campaign of thousands of logs has.
-    double lead = 1e-6;
 
     // Sizes of interest, as shares of the torque (RMS over RMS). A hundredth is what torque constants and
     // currents are known to at best; where nothing else is found the rest of the torque is explained three

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 #include <optional>
 
 #include "tools/gap/hypotheses/hypotheses.hpp"
@@ -97,6 +98,8 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     constexpr double kFreeStep_s = 0.001;
     constexpr double kFreeShot_s = 2;  // in a longer one the wheels' angles stray, by which a ripple counts
     const std::vector<Stretch> shots = stretches(parts, kFreeShot_s, setting.geometry);
+    // Of each shot, as a logarithm: where the robot stops or runs away a shot misses many times what the
+    // others do, whatever the model, and must not outvote them.
     const auto missed = [&](const Members& members, const Fit& fit) {
         const SimulatedRobot robot = robot_of(members, fit, setting, turning);
         double sum = 0;
@@ -105,7 +108,7 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
             // speeds may keep that.
             WheelPair<double> mean;
             double samples = 0;
-            sum += free_run(
+            const double squares = free_run(
                 robot, shot, shot.log->samples[shot.first].speed_rad_per_s,
                 [&](std::size_t i, const WheelPair<double>& w) {
                     mean.left += w.left - shot.log->samples[i].speed_rad_per_s.left;
@@ -113,9 +116,10 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
                     ++samples;
                 },
                 kFreeStep_s);
-            sum -= (mean.left * mean.left + mean.right * mean.right) / samples;
+            sum += std::log(std::max(std::numeric_limits<double>::min(),
+                                     squares - (mean.left * mean.left + mean.right * mean.right) / samples));
         }
-        return sum;
+        return sum / double(shots.size());
     };
     std::optional<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
@@ -131,7 +135,7 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
         if (!with_all) with_all = missed(search.members, search.after);
         const double without_it = missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
         // one that runs away is no number; friction in its place is likelier, unless it does better
-        if (std::isfinite(without_it) && !(*with_all < (instead ? 1 : 1 + kPolicy.better_by) * without_it))
+        if (std::isfinite(without_it) && !(*with_all < without_it + (instead ? 0 : kPolicy.better_by)))
             return search.members[i].effect;
     }
     return std::nullopt;

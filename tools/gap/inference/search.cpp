@@ -38,7 +38,6 @@ class Searcher {
         forward();
         backward();
         exchange();
-        merge();
         put_friction_back();
         drop_trifles();
         result_.after = evidence_.fit(all_, members_);
@@ -181,22 +180,6 @@ class Searcher {
         return squares(confirm_, without_it) - residual > predicted / 3 - 2 * std::sqrt(variance * predicted);
     }
 
-    // Among those that do the same in every motion of this log: linear in its
-    // parameters first, then the catalogue's order.
-    const Trial* simplest_equal(const std::vector<Trial>& trials, const Trial& chosen) const {
-        const Trial* best = &chosen;
-        const Fit bare = evidence_.fit(all_, members_);
-        for (const Trial& t : trials) {
-            if (!t.in_range || t.gain < 0.9 * chosen.gain) continue;
-            if (simplicity(t.candidate) < simplicity(best->candidate) &&
-                likeness(all_.blocks, bare, directions(chosen.candidate), directions(t.candidate)) >
-                    kConfounded) {
-                best = &t;
-            }
-        }
-        return best;
-    }
-
     // On the blocks that select, whatever the others say.
     bool sure(const Trial& t, std::size_t tested) const {
         // by one test after Holm, and by the other at least alone; few blocks have few ranks
@@ -210,10 +193,7 @@ class Searcher {
     }
 
     bool acceptable(const Trial& t, std::size_t tested, double closable) const {
-        const auto& earlier = evidence_.options().confirmed;
-        const bool confirmed =
-            t.confirmed || std::find(earlier.begin(), earlier.end(), t.candidate.effect) != earlier.end();
-        return sure(t, tested) && confirmed && t.gain >= kPolicy.share_of_gap * closable;
+        return sure(t, tested) && t.confirmed && t.gain >= kPolicy.share_of_gap * closable;
     }
 
     double closable() const {
@@ -294,30 +274,24 @@ class Searcher {
             const auto chosen = std::find_if(trials.begin(), trials.end(), [&](const Trial& t) {
                 return acceptable(t, trials.size(), closable);
             });
-            if (chosen != trials.end()) {
-                const Trial* simplest = simplest_equal(trials, *chosen);
-                probability_[simplest->candidate.effect] = simplest->probability;
-                members_.push_back(simplest->candidate);
-                take_apart();
-            } else if (const double missing = std::max(closable, trials.front().gain);
-                       evidence_.torque_share(missing / row_count(select_.blocks, result_.base.shape)) <
-                       kPolicy.gap) {
-                note_leads(trials, kPolicy.lead);
-                break;
-            } else if (!add_two(trials, closable)) {
-                note_leads(trials, 1);
+            if (chosen == trials.end()) {
+                note_leads(trials, std::max(closable, trials.front().gain));
                 break;
             }
+            probability_[chosen->candidate.effect] = chosen->probability;
+            members_.push_back(chosen->candidate);
+            take_apart();
         }
     }
 
     // Where much is missing: what is sure at a starting point, but explains too little there or is not
     // confirmed, as a block is not in which a load was put on at another time than those tried. It may
-    // explain more between the points, which a closer evaluation will show. Where little is missing it must
-    // be all the surer.
-    void note_leads(const std::vector<Trial>& trials, double probability) {
+    // explain more between the points, which a closer evaluation will show.
+    void note_leads(const std::vector<Trial>& trials, double missing) {
+        if (evidence_.torque_share(missing / row_count(select_.blocks, result_.base.shape)) < kPolicy.gap)
+            return;
         for (const Trial& t : trials) {
-            if (t.probability > probability || t.candidate.kind != Candidate::Kind::start ||
+            if (t.candidate.kind != Candidate::Kind::start ||
                 !evidence_.dictionary().can_linearise(t.candidate.effect) || !sure(t, trials.size())) {
                 continue;
             }
@@ -339,48 +313,6 @@ class Searcher {
                 members_ = other;
             }
         }
-    }
-
-    // Where much is missing and nothing alone is sure, each of two may be beside the other: one that gains
-    // much, and any other, which alone may gain nothing.
-    bool add_two(const std::vector<Trial>& trials, double closable) {
-        constexpr std::size_t kLeaders = 5;
-        struct Pair {
-            const Trial* leader;
-            Trial other;
-            double gain;
-        };
-        std::vector<Pair> pairs;
-        double most = 0;
-        for (std::size_t i = 0; i < std::min(kLeaders, trials.size()); ++i) {
-            const Trial& leader = trials[i];
-            if (!leader.in_range || leader.gain <= 0) continue;
-            const Without bare = fitted_without(with(members_, leader.candidate));
-            for (const Trial& t : trials) {
-                if (t.candidate.effect == leader.candidate.effect) continue;
-                const Trial other = attempt(t.candidate.effect, bare);
-                const double gain = leader.gain + other.gain;
-                if (members_.size() == base_members_ && other.in_range && gain > most) {
-                    most = gain;
-                    result_.guess =
-                        evidence_.fit(all_, with(with(members_, leader.candidate), other.candidate));
-                }
-                if (acceptable(other, trials.size(), 0) && gain >= kPolicy.share_of_gap * closable)
-                    pairs.push_back({&leader, other, gain});
-            }
-        }
-        std::sort(pairs.begin(), pairs.end(), [](const Pair& a, const Pair& b) { return a.gain > b.gain; });
-        for (const Pair& pair : pairs) {
-            const Trial leader =
-                attempt(pair.leader->candidate.effect, fitted_without(with(members_, pair.other.candidate)));
-            if (!acceptable(leader, trials.size(), 0)) continue;
-            for (const Trial* t : {&leader, &pair.other}) {
-                probability_[t->candidate.effect] = t->probability;
-                members_.push_back(t->candidate);
-            }
-            return true;
-        }
-        return false;
     }
 
     // What the effects found later made superfluous goes: not surely there, and nothing much is missing
@@ -461,37 +393,6 @@ class Searcher {
             std::rotate(held.begin() + std::ptrdiff_t(i), held.end() - 1, held.end());
             members_ = held;
         }
-    }
-
-    // One effect that leaves less than two of those found goes for both.
-    void merge() {
-        for (std::size_t i = base_members_; i < members_.size(); ++i) {
-            for (std::size_t j = i + 1; j < members_.size(); ++j) {
-                if (!is_shown(members_[i]) && !is_shown(members_[j]) && merge(i, j)) return merge();
-            }
-        }
-    }
-
-    bool merge(std::size_t i, std::size_t j) {
-        const Members fewer = without(without(members_, j), i);
-        Members held = members_;
-        double mine = evidence_.cross_validated(all_, held);
-        for (std::size_t r = 0; r < model::kEffectCount; ++r) {
-            if (contains(members_, r) || evidence_.excluded(r)) continue;
-            for (const Members& others : evidence_.others_for(fewer)) {
-                const auto best = evidence_.best_point(r, others, all_);
-                if (!best || best->squares >= mine || !evidence_.excited(best->candidate)) continue;
-                const Members taken = with(others, best->candidate);
-                const double sum = evidence_.cross_validated(all_, taken);
-                if (!(sum < mine) || evidence_.better(held, taken)) continue;
-                held = taken;
-                mine = sum;
-            }
-        }
-        if (held.size() == members_.size()) return false;
-        probability_[held.back().effect] = evidence_.probability_of_last(all_, held);
-        members_ = held;
-        return true;
     }
 
     // Search::tried.

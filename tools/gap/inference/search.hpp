@@ -26,7 +26,6 @@ struct SearchOptions {
     std::vector<std::size_t> shown;          // surely there, whatever the rows say
     double large_gap = kPolicy.gap;          // more left than this is not explained
     bool white_noise = true;                 // the sensors' noise is, so that more than it is something
-    std::vector<std::size_t> confirmed;      // found by an earlier evaluation, whose confirming blocks agreed
     bool turning = true;
     std::optional<double>
         k7_per_kg_m;  // held: nothing drives the robot forward, and the log does not tell it
@@ -48,9 +47,6 @@ struct Search {
     // By how much each rival, in the place of what it is a rival of, moves what else `after` has: as likely
     // as not the truth.
     std::vector<Eigen::VectorXd> moved_by_rivals;
-    // Where nothing could be named, yet much is missing: with the two effects that gain most, surely there or
-    // not. Its K5..K8 are likelier than the base's.
-    std::optional<Fit> guess;
     Points points;  // where the effects that are not linear fit best, for columns that are linearised there
     double gap_refit = 0, floor = 0,
            gap_after = 0;  // mean squared whitened residual
