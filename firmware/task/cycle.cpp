@@ -88,7 +88,7 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
-    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s);
+    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, identifying());
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 
@@ -170,7 +170,7 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
                          supervisor_.ramping(), host_.counter(HostLink::Cause::foreign_control), told});
 }
 
-// The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
+// Of a robot that nobody knows yet, the probe says why a wheel does not turn.
 bool Cycle::encoder_implausible(const Observed& seen) {
     const drivers::DriveFeedback& left = ports_.left.feedback();
     const drivers::DriveFeedback& right = ports_.right.feedback();
@@ -180,7 +180,8 @@ bool Cycle::encoder_implausible(const Observed& seen) {
         return false;
     }
     if (identifying() && learning_.run().state() == ident::IdentState::probing) {
-        return encoder_watch_.update_alone(angle_rad, seen.last_torque_Nm);
+        if (encoder_watch_.update_beside(angle_rad, seen.last_torque_Nm)) return true;
+        if (!may_brake()) return false;
     }
     return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
                                  senses_.observer(), seen.last_torque_Nm, control_.plant(), may_brake());
