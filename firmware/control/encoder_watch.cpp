@@ -19,7 +19,7 @@ constexpr int kAgainstCycles = 80;
 constexpr int kAveraged = 64;  // spans
 constexpr double kBeyondFriction = 1.5;  // a push that friction and a slope it can hold do not turn round
 constexpr double kGainOfPush = 0.25;     // of what the torques alone would give
-constexpr int kAgainstPushCycles = 50;
+constexpr int kAgainstPushCycles = 40;
 
 }  // namespace
 

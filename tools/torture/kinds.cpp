@@ -56,7 +56,7 @@ double jam(const Scene& s) {
     return ends_first ? s.amount + kWaiting_s + 2 * kCycle_s + way(s) : watchdogs(s);
 }
 double implausible(const Scene&) { return 0.1; }
-constexpr std::string_view kImplausible = "100 ms from where a wheel is a 64th of a turn from what is told";
+constexpr std::string_view kImplausible = "100 ms from where a wheel is 1.5/64 of a turn from what is told";
 double ramp(const Scene& s) {
     return 2 * control::braking_time_s(s.setup().believed) + 0.5 + 2 * kCycle_s + way(s);
 }
@@ -485,9 +485,9 @@ constexpr std::array kKinds{
                 nullptr, nullptr, "", From::harm, 1, 10, false, false, 2},
     TortureKind{"origin_jump", "a drive's position becomes 0", Expect::serves, "",
                 [](Scene& s) { s.drive().zero_position(); }},
-    // At the change a frame may be missing, and the next one not go on from the last.
+    // A drive whose position breaks off looks like one that was off for a moment.
     TortureKind{"swapped_nodes", "the two drives' encoder frames change names", Expect::either,
-                "encoder_implausible,over_speed,stale_feedback",
+                "encoder_implausible,over_speed,stale_feedback,drive_left_armed_state",
                 [](Scene& s) {
                     all_of(s.firmware_bus(), s, [](Scene& scene, hal::ReceivedFrame& r) {
                         const std::uint32_t left = scene.id(0, kEncoder);

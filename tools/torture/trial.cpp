@@ -20,6 +20,8 @@ constexpr double kCycle_s = task::kCyclePeriod_s;
 constexpr double kGrace_s = 2 * kCycle_s;
 // A lie is believed for so long at most, by the bound for encoders; the robot may become so much quicker.
 constexpr double kBelieved_s = 0.1;
+// No encoder is farther from the truth than this: a step of the coarsest, and where in a step it began.
+constexpr double kCoarse_rad = 1.5 * control::kCoarsestStep_rad;
 // Noise of set-points and observers.
 constexpr double kRoom = 0.05;
 
@@ -124,7 +126,7 @@ class Judge final : public sim::BusTap {
             const WheelPair<double>& angle_rad = world.plant().wheel_angle_rad();
             const WheelPair<double> turned_rad{angle_rad.left - harmed_angle_rad_.left,
                                                angle_rad.right - harmed_angle_rad_.right};
-            if (scene_.untold_rad(scene_, turned_rad) > control::kCoarsestStep_rad) scene_.tell();
+            if (scene_.untold_rad(scene_, turned_rad) > kCoarse_rad) scene_.tell();
         }
         const Pose<double>& pose = world.pose();
         if (watched && scene_.setup().mode == Mode::ident && kind_.expect != Expect::obeys &&
