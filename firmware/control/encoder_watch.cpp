@@ -16,7 +16,7 @@ constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more tha
 constexpr double kGainBeyondNoise = 2;
 constexpr double kGainShare = 0.6;  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kAveraged = 64;  // spans
+constexpr int kAveraged = 64;            // spans
 constexpr double kBeyondFriction = 1.5;  // a push that friction and a slope it can hold do not turn round
 constexpr double kGainOfPush = 0.25;     // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
@@ -37,9 +37,12 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) 
     const double rim_per_Nm =
         2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
     const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
-    return {limit_Nm, std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
-            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(), span_cycles,
-            full_rad_per_s2 * span_cycles * kCycle_s, friction_Nm};
+    return {limit_Nm,
+            std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
+            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(),
+            span_cycles,
+            full_rad_per_s2 * span_cycles * kCycle_s,
+            friction_Nm};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {

@@ -62,7 +62,7 @@ class EncoderWatch {
         if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s, identifying);
     }
 
-    // Where nothing else is known of the robot: a wheel that is pushed turns by no digit, and the other one does.
+    // Of an unknown robot: a wheel that is pushed stands to the digit, and the other one turns.
     bool update_beside(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm);
 
   private:

@@ -56,8 +56,8 @@ struct Watched {
             if (tell) told = tell(told);
             observer.update(robot.now_ns(), {told.left, 0, robot.left.time_ns},
                             {told.right, 0, robot.right.time_ns}, model);
-            if (watch.update(1e-3, told, {robot.left.time_ns, robot.right.time_ns}, observer, torque_Nm, model,
-                             known))
+            if (watch.update(1e-3, told, {robot.left.time_ns, robot.right.time_ns}, observer, torque_Nm,
+                             model, known))
                 return k;
             watch.look(observer.motion().wheel_speed_rad_per_s, identifying);
         }
@@ -81,7 +81,9 @@ struct Watched {
     }
 };
 
-WheelPair<double> pushes(double torque_Nm, bool turning) { return {turning ? -torque_Nm : torque_Nm, torque_Nm}; }
+WheelPair<double> pushes(double torque_Nm, bool turning) {
+    return {turning ? -torque_Nm : torque_Nm, torque_Nm};
+}
 
 }  // namespace
 
@@ -112,7 +114,8 @@ TEST(EncoderWatch, an_encoder_that_stands_still_is_seen_at_speed_and_from_rest) 
             w.drive(pushes(2, false), before);
             w.lies(right, 0);
             const int seen = w.drive(pushes(2, false), 500);
-            CHECK_TEXT(seen > 0 && seen <= 100, std::to_string(seen).c_str());
+            const int bound = before > 0 ? 100 : 120;  // from rest it is no lie at first
+            CHECK_TEXT(seen > 0 && seen <= bound, std::to_string(seen).c_str());
         }
     }
 }

@@ -37,10 +37,11 @@ struct TortureKind {
     double deviation_m = 0.1;    // from where the robot would be without the fault, while it is watched
     bool unreachable = false;    // the firmware cannot reach the drives: their watchdogs must do it
     bool ends_firmware = false;  // no recovery
-    // Times as quick as in the untouched drive its rims may be, beside what a lie that is believed adds; 0: as
-    // the safety limits let them.
+    // Times as quick as in the untouched drive its rims may be, beside what a lie that is believed adds; 0:
+    // as the safety limits let them.
     double quick = 1;
-    double others_torque_s = 0;  // so long somebody else's torque may be there where the firmware drives nobody
+    // So long somebody else's torque may be there where the firmware says that nobody drives.
+    double others_torque_s = 0;
 };
 
 std::span<const TortureKind> torture_kinds();

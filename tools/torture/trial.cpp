@@ -166,11 +166,11 @@ class Judge final : public sim::BusTap {
             torque_ = torque_Nm > 0;
             identifying_ = identification();
             constexpr std::array kPhases{"steady", "arming", "ramping"};
-            result_.story.push_back(
-                text("%8.1f ms  %6.3f m/s  ", 1e3 * now_s, world.twist().v_m_per_s) +
-                std::string(protocol::to_string_view(mode_)) + " " + kPhases[std::size_t(phase_)] + ", " +
-                std::string(protocol::to_string_view(told_fault_)) + text(", %.3f Nm", torque_Nm) +
-                identifying_);
+            result_.story.push_back(text("%8.1f ms  %6.3f m/s  ", 1e3 * now_s, world.twist().v_m_per_s) +
+                                    std::string(protocol::to_string_view(mode_)) + " " +
+                                    kPhases[std::size_t(phase_)] + ", " +
+                                    std::string(protocol::to_string_view(told_fault_)) +
+                                    text(", %.3f Nm", torque_Nm) + identifying_);
         }
     }
 
@@ -351,7 +351,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     const double from_s = kind.from != From::harm ? scene.told_s().value_or(0) : 0;
     const bool untold = kind.from == From::lie && !scene.told_s();
     const double latency_s = untouched.setup.simulation.command_latency_s;
-    if (result.stopped) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
+    if (result.stopped && !untold) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
 
     for (const Fault fault : judge.faults()) {
         const std::string_view name = protocol::to_string_view(fault);

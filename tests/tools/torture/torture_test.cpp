@@ -35,14 +35,11 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"lie_sign", 5, "goes on"},                  // during an identification
-    {"lie_frozen", 5, "goes on"},
-    {"lie_both_frozen", 5, "goes on"},
-    {"lie_frame_repeated", 5, "goes on"},
-    {"lie_half_speed", 29, "quicker"},
+    {"lie_sign", 37, "late"},
+    {"lie_frozen", 10, "late"},                  // an identification's first push, which friction might hold
+    {"lie_both_frozen", 40, "late"},
+    {"lie_frame_repeated", 10, "late"},
     {"origin_jump", 75, "false trip"},           // over_speed
-    {"swapped_nodes", 22, "quicker"},
-    {"foreign_arming_flood", 172, "torque at rest"},
     // clang-format on
 };
 
