@@ -36,11 +36,11 @@ struct Watched {
     PlantModel<double> model = plant_model<double>(parameters());
     WheelObserver<double> observer;
     EncoderWatch watch;
-    bench::Robot robot{truth(), 7};
+    bench::Robot robot;
     bool identifying = false, known = true;
     std::function<WheelPair<double>(const WheelPair<double>&)> tell;  // what is told of the true angles
 
-    Watched() {
+    explicit Watched(const bench::Truth& of = truth()) : robot(of, 7) {
         observer.configure(wheel_observer_settings<double>(parameters(), 1e-3));
         watch.configure(encoder_watch_settings(parameters()));
         drive({}, 100);
@@ -167,6 +167,62 @@ TEST(EncoderWatch, exchanged_encoders_show_where_the_robot_turns) {
     LONGS_EQUAL(-1, w.drive({}, 300));
     const int seen = w.drive(pushes(0.7, true), 500);
     CHECK_TEXT(seen > 0 && seen <= 100, std::to_string(seen).c_str());
+}
+
+TEST(EncoderWatch, exchanged_encoders_show_at_speed) {
+    Watched w;
+    w.drive(pushes(2, true), 200);
+    w.drive(pushes(kFriction_Nm, true), 100);
+    w.swap();
+    const int seen = w.drive(pushes(kFriction_Nm, true), 500);
+    CHECK_TEXT(seen > 0 && seen <= 100, std::to_string(seen).c_str());
+}
+
+TEST(EncoderWatch, a_robot_that_a_wall_stops_or_throws_back_is_no_liar) {
+    for (const double left_of_it : {0.0, -0.3, 0.5}) {
+        for (const bool turning : {false, true}) {
+            Watched w;
+            w.drive(pushes(3, turning), turning ? 60 : 300);
+            LONGS_EQUAL(-1, w.drive(pushes(kFriction_Nm, turning), 200));
+            const double v = w.robot.v, omega = w.robot.omega;
+            for (int ms = 1; ms <= 10; ++ms) {
+                const double share = 1 + (left_of_it - 1) * ms / 10;
+                w.robot.v = share * v;
+                w.robot.omega = share * omega;
+                w.drive(pushes(kFriction_Nm, turning), 1);
+            }
+            const std::string text = std::to_string(left_of_it) + (turning ? ", turning" : "");
+            LONGS_EQUAL_TEXT(-1, w.drive(pushes(kFriction_Nm, turning), 300), text.c_str());
+        }
+    }
+}
+
+// No digit changes where it stands.
+TEST(EncoderWatch, without_noise_a_wheel_may_stand_as_well) {
+    bench::Truth quiet = truth();
+    quiet.encoder_noise_rad = 0;
+    Watched w(quiet);
+    for (const double share : {0.9, -0.9, 0.0})
+        LONGS_EQUAL(-1, w.drive(pushes(share * kFriction_Nm, false), 500));
+    w.drive(pushes(2, false), 200);
+    w.drive(pushes(-2, false), 100);
+    LONGS_EQUAL(-1, w.drive({}, 1500));
+    DOUBLES_EQUAL(0, w.robot.v, 1e-6);
+}
+
+TEST(EncoderWatch, a_still_encoder_of_an_unknown_robot_is_seen_after_80_ms_of_what_nothing_holds) {
+    for (const bool right : {false, true}) {
+        Watched w;
+        w.known = false;
+        LONGS_EQUAL(-1, w.drive(pushes(kLimit_Nm, false), 300));
+        LONGS_EQUAL(-1, w.drive(pushes(-kLimit_Nm, false), 300));
+        w.lies(right, 0);
+        LONGS_EQUAL(-1, w.drive(pushes(1, false), 300));
+        LONGS_EQUAL(-1, w.drive(pushes(kLimit_Nm, false), 60));
+        LONGS_EQUAL(-1, w.drive(pushes(1, false), 20));  // counts anew
+        const int seen = w.drive(pushes(kLimit_Nm, false), 300);
+        CHECK_TEXT(seen >= 75 && seen <= 85, std::to_string(seen).c_str());
+    }
 }
 
 // Of an unknown robot: what is pushed does not turn, and the other one does.
