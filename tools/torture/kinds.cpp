@@ -343,8 +343,9 @@ constexpr std::array kKinds{
     TortureKind{"drive_mute", "a drive sends nothing and obeys", Expect::stops, kSilenceNames,
                 [](Scene& s) { s.drive().faults().mute = true; }, nullptr, feedback_timeout,
                 "feedback's time-out + 1 cycle and the way"},
+    // Until its heartbeat, nothing tells a wheel that gets no torque from an encoder that stands still.
     TortureKind{"drive_deaf", "a drive hears nothing", Expect::stops,
-                "drive_error,drive_left_armed_state,torque_not_followed",
+                "drive_error,drive_left_armed_state,torque_not_followed,encoder_implausible",
                 [](Scene& s) { s.drive().faults().deaf = true; }, nullptr, deaf_watchdog,
                 "its watchdog, its heartbeat + 2 cycles", From::harm, 1, 0.1, true},
     TortureKind{"no_heartbeats", "a drive's heartbeats are lost", Expect::stops, "drive_silent",
