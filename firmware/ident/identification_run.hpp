@@ -9,9 +9,9 @@
 // Until an external pose or the mirror test has shown that not one wheel alone goes backwards, limits of
 // speed, yaw rate and distance hold for the robot's mirror image too.
 //
-// cause() names why it ended, in done too: good_enough, or coupling_not_known when time was up with K7 and K8
-// known but K5 and K6 not yet. In done and stopped_by_limit the torque is zero; bringing the robot to rest is
-// the mode's business.
+// cause() names why it ended, in done too: good_enough; direction_unverified when time was up and only that
+// had not been shown; or coupling_not_known when time was up with K7 and K8 known but K5 and K6 not yet. In
+// done and stopped_by_limit the torque is zero; bringing the robot to rest is the mode's business.
 #pragma once
 
 #include <algorithm>
@@ -97,9 +97,9 @@ class IdentificationRun {
             if (errors_known()) look_at_signs(estimator.coupling_terms());
             if (!finished()) look_at_wheels(estimator);
             if (!finished() && look_at_gains()) return {};
-            if (!finished() && estimate().good_enough && elapsed_s() >= shortest_s() &&
+            if (!finished() && estimate().good_enough && signs_known_ && elapsed_s() >= shortest_s() &&
                 !options_.run_full_time)
-                succeed(IdentCause::good_enough);
+                succeed_with_all();
         }
         if (!finished()) check_limits(pose, velocity);
         if (finished()) return {};
@@ -110,7 +110,9 @@ class IdentificationRun {
     IdentCause cause() const { return cause_; }
     bool finished() const { return state_ == IdentState::done || state_ == IdentState::stopped_by_limit; }
     // K5 and K6 as well, not only K7 and K8.
-    bool coupling_known() const { return cause_ == IdentCause::good_enough; }
+    bool coupling_known() const {
+        return cause_ == IdentCause::good_enough || cause_ == IdentCause::direction_unverified;
+    }
     // Of a run that is done.
     Asymmetry asymmetry() const {
         const model::Dynamics<Real>& k = estimate().dynamics;
@@ -202,6 +204,9 @@ class IdentificationRun {
         if (unexplained() > kTooMuchUnexplained) return stop(IdentCause::model_incomplete);
         cause_ = cause;
         state_ = IdentState::done;
+    }
+    void succeed_with_all() {
+        succeed(signs_known_ ? IdentCause::good_enough : IdentCause::direction_unverified);
     }
 
     WheelPair<Real> step_probe(const Pose<Real>& pose, const Twist<Real>& velocity,
@@ -415,10 +420,9 @@ class IdentificationRun {
         };
         if (cycles_ >= last_cycle_) {
             // run to the end on purpose, with errors small enough: that is done, not a limit
-            if (estimate().good_enough) {
-                succeed(IdentCause::good_enough);
-            } else if (state_ == IdentState::estimating && still_good() && coupling_still_good()) {
-                succeed(IdentCause::good_enough);
+            if (estimate().good_enough ||
+                (state_ == IdentState::estimating && still_good() && coupling_still_good())) {
+                succeed_with_all();
             } else if (state_ == IdentState::estimating && still_good() && signs_known_) {
                 succeed(IdentCause::coupling_not_known);
             } else {
