@@ -98,6 +98,8 @@ class DynamicsEstimator {
                                    size);
         }
         estimate_ = nothing_known<Real>(options.filter.effects.active);
+        less_torque_ = false;
+        rows_at_level_ = 0;
         work_ = Work::none;
     }
 
@@ -106,12 +108,38 @@ class DynamicsEstimator {
         filter_.set_delay(delay_s, tap_spacing_s());
     }
 
+    // The excitation tells less torque from now on, or all of it again.
+    void set_less_torque(bool less) {
+        if (less == less_torque_) return;
+        less_torque_ = less;
+        rows_at_level_ = 0;
+    }
+
+    // By which share of K7 and K8 a Nm of the lesser torque does more than one of the whole: drives that clip
+    // deliver less of that. Of both equations, weighted by what each knows.
+    struct GainExcess {
+        Real share{}, standard_error = static_cast<Real>(kUnknownError);
+    };
+    GainExcess excess_of_less_torque() const {
+        Real sum = 0, information = 0;
+        for (const Equation& equation : equation_) {
+            const auto& [whole, less] = equation.level;
+            const Real gain = equation.rls.theta()[kTorque];
+            if (!(whole.score_power > 0) || !(less.score_power > 0) || !(gain > 0)) return {};
+            const Real unlike = kNeighbours * (whole.variance() + less.variance()) / (gain * gain);
+            sum += (less.gain - whole.gain) / gain / unlike;
+            information += 1 / unlike;
+        }
+        return {sum / information, 1 / std::sqrt(information)};
+    }
+
     // After a gap in the samples. What was learned stays.
     void restart() { filter_.restart(); }
 
     // Once in each cycle. True when estimate() has become new.
     bool push(const IdentSample<Real>& sample) {
         if (filter_.push(sample)) {
+            ++rows_at_level_;
             if (filter_.row().usable) {
                 work_ = Work::linear;
             } else {
@@ -216,6 +244,9 @@ class DynamicsEstimator {
     // Standard deviation of what may be anything between two bounds, over a bound: 1 / sqrt(3).
     static constexpr Real kOfABound = Real(0.577);
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
+    static constexpr int kMixedRows = 7;            // three blocks, the delay and the speeds' span
+    // Neighbouring rows share blocks, and so the plant's noise: of variance, what no rows of its own say.
+    static constexpr Real kNeighbours = 2;
     using Vector = std::array<Real, kSize>;
     using Errors = ScoreErrors<Real, kSize - kTiming>;
     // The first columns_ rows and columns are in use, the others zero.
@@ -240,8 +271,24 @@ class DynamicsEstimator {
         Real weight() const { return mean > 0 ? std::sqrt(mean / (now + kBelief * (mean - now))) : Real(1); }
     };
 
+    // What one level of the torque says of the torque's gain beyond theta: the innovations' regression on the
+    // torque, with White's error of what that leaves.
+    struct Level {
+        Real power = 0, gain = 0, score_power = 0;
+
+        void push(Real torque, Real innovation) {
+            if (torque == 0) return;
+            const Real score = torque * (innovation - gain * torque);
+            power += torque * torque;
+            gain += score / power;
+            score_power += score * score;
+        }
+        Real variance() const { return score_power / (power * power); }
+    };
+
     struct Equation {
         NoisePower noise;
+        std::array<Level, 2> level{};  // whole, less
         UdRls<Real, kSize, true> rls;
         Errors errors;
         ExcitationMonitor<Real, kSize> monitor;
@@ -309,7 +356,11 @@ class DynamicsEstimator {
         typename Errors::Vector shared{};
         std::copy_n(phi.begin() + kTiming, kFixed - kTiming + columns_, shared.begin());
         equation.errors.push(shared, weight * normal);
-        if (equation.errors.settled()) equation.noise.push(normal * normal);
+        if (equation.errors.settled()) {
+            equation.noise.push(normal * normal);
+            if (rows_at_level_ > kMixedRows)
+                equation.level[less_torque_ ? 1U : 0U].push(phi[kTorque], weight * innovation);
+        }
         if (equation.noise.rows == NoisePower::kMemory) believe_slow(equation);
         equation.run_residual += innovation;
         equation.run_motion += y;
@@ -551,6 +602,8 @@ class DynamicsEstimator {
     std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
     int columns_ = 0;
     Real timing_memory_rows_ = 1;
+    bool less_torque_ = false;
+    int rows_at_level_ = 0;
     Work work_ = Work::none;
     DynamicsEstimate<Real> estimate_{};
 };

@@ -44,6 +44,7 @@ class Excitation {
 
     void start(const ExcitationOptions<Real>& options, const Pose<Real>& pose, std::uint32_t seed) {
         options_ = options;
+        level_ = 1;
         start_ = pose;
         const auto samples =
             static_cast<unsigned>(std::max(1L, std::lround(options.bit_time_s / options.sample_time_s)));
@@ -57,6 +58,9 @@ class Excitation {
         overridden_cycles_ = 0;
     }
 
+    // From now on the torque is this share of the amplitude.
+    void set_level(Real share) { level_ = share; }
+
     // From now on.
     void set_limits(const Twist<Real>& limits) {
         options_.speed_limit_m_per_s = limits.v_m_per_s;
@@ -67,8 +71,8 @@ class Excitation {
     // mirror image would be, if it may be that.
     WheelPair<Real> step(const Pose<Real>& pose, const Twist<Real>& velocity,
                          const Pose<Real>* mirrored = nullptr) {
-        WheelPair<Real> torque{options_.amplitude_Nm * static_cast<Real>(left_.next()),
-                               options_.amplitude_Nm * static_cast<Real>(right_.next())};
+        const Real a = level_ * options_.amplitude_Nm;
+        WheelPair<Real> torque{a * static_cast<Real>(left_.next()), a * static_cast<Real>(right_.next())};
         watch_acceleration(velocity);
         const Real t = options_.reaction_time_s;
         const Kept forward = keep_near(forward_, &pose, velocity.v_m_per_s, options_.speed_limit_m_per_s,
@@ -79,7 +83,6 @@ class Excitation {
         overrides_.speed = forward == Kept::by_speed;
         overrides_.yaw_rate = turn == Kept::by_speed;
         overrides_.distance = forward == Kept::by_distance || turn == Kept::by_distance;
-        const Real a = options_.amplitude_Nm;
         if (forward_ != 0 && turn_ != 0) {
             // one wheel does both: it lies on the side that turns the robot back
             const bool use_right = turn_ == forward_;
@@ -171,6 +174,7 @@ class Excitation {
     }
 
     ExcitationOptions<Real> options_{};
+    Real level_ = 1;
     Pose<Real> start_{};
     Prbs left_{kPrbsLeft, 0, 1};
     Prbs right_{kPrbsRight, 0, 1};

@@ -314,7 +314,8 @@ double Learning::progress() const {
     const double by_error =
         std::min(worst > 0 ? 1 / (worst * worst) : 0, run_.elapsed_s() / run_.shortest_s());
     const double by_time = run_.elapsed_s() / duration_s_;
-    const double share = std::max(std::isfinite(by_error) ? by_error : 0.0, by_time);
+    // The wheels' signs may show until time is up.
+    const double share = std::max(std::isfinite(by_error) && run_.signs_known() ? by_error : 0.0, by_time);
     return std::clamp(share, 0.0, 0.99);
 }
 

@@ -1,5 +1,7 @@
 // Drives that deliver less than they are told, after the probe has found nothing wrong.
 #include <algorithm>
+#include <cstdio>
+#include <string>
 
 #include "firmware/ident/identification_run.hpp"
 #include "tests/ident/test_robot.hpp"
@@ -17,7 +19,8 @@ namespace {
 constexpr double kLimit_Nm = 5;
 
 // The whole ident mode, without torque reports; after the probe the drives deliver `most_Nm` at most.
-void identify(ident::IdentificationRun<double>& run, const RobotTruth& truth, double most_Nm) {
+void identify(ident::IdentificationRun<double>& run, const RobotTruth& truth, double most_Nm,
+              unsigned seed = 91) {
     ident::IdentificationOptions<double> o;
     o.excitation = {0, 0, 0.001, 0.8, 5, 1.5};
     o.estimator.filter.geometry = test::geometry_of(truth);
@@ -40,7 +43,7 @@ void identify(ident::IdentificationRun<double>& run, const RobotTruth& truth, do
     o.sizing.robot_speed_limit_m_per_s = 0.8;
     o.sizing.robot_yaw_rate_limit_rad_per_s = 5;
     run.start(o, {}, 5);
-    TestRobot robot(truth, 91);
+    TestRobot robot(truth, seed);
     WheelPair<double> torque{};
     while (!run.finished()) {
         ident::ProbeSample senses;
@@ -68,4 +71,29 @@ TEST(DeliveredTorque, less_of_it_is_seen_without_reports_and_the_run_goes_on_wit
     CHECK(run.options().excitation.amplitude_Nm < 0.7 * amplitude_Nm);
     DOUBLES_EQUAL(truth.k7, run.estimate().dynamics.k7_per_kg_m, 0.02 * truth.k7);
     DOUBLES_EQUAL(truth.k8, run.estimate().dynamics.k8_per_kg_m2, 0.02 * truth.k8);
+}
+
+// So little that the probe's rough K7 and K8 cannot show it, and far more than the standard errors.
+TEST(DeliveredTorque, a_few_per_cent_less_show_where_the_torque_is_less_now_and_then) {
+    const RobotTruth truth;
+    ident::IdentificationRun<double> run;
+    for (const unsigned seed : {91U, 92U, 93U}) {
+        identify(run, truth, kLimit_Nm, seed);
+        CHECK_FALSE(run.findings().clipped);
+    }
+    const double amplitude_Nm = run.options().excitation.amplitude_Nm;
+    for (const double share : {0.96, 0.98, 0.99}) {
+        identify(run, truth, share * amplitude_Nm);
+        std::printf(
+            "\n  %.0f %% delivered: %s after %.1f s, limit %.3f of the amplitude, K7 %+.3f %%, K8 %+.3f %%",
+            100 * share, std::string(to_string_view(run.cause())).c_str(), run.elapsed_s(),
+            run.findings().torque_limit_Nm / amplitude_Nm,
+            100 * (run.estimate().dynamics.k7_per_kg_m / truth.k7 - 1),
+            100 * (run.estimate().dynamics.k8_per_kg_m2 / truth.k8 - 1));
+        CHECK(run.cause() == ident::IdentCause::good_enough);
+        CHECK(run.findings().clipped);
+        DOUBLES_EQUAL(truth.k7, run.estimate().dynamics.k7_per_kg_m, 0.001 * truth.k7);
+        DOUBLES_EQUAL(truth.k8, run.estimate().dynamics.k8_per_kg_m2, 0.001 * truth.k8);
+    }
+    std::printf("\n");
 }

@@ -124,13 +124,14 @@ TEST(UnknownSigns, the_limits_of_the_file_hold_once_the_signs_are_known) {
     }
 }
 
-// Nothing tells then: slow until the end, K7 and K8 are right all the same, and it is said that the signs are
-// not.
+// Nothing tells then: slow until time is up, K7 and K8 are right all the same, and the end says that the
+// signs are not known to be.
 TEST(UnknownSigns, a_centre_of_gravity_above_the_axle_leaves_them_unknown) {
     const RobotTruth truth = with_k5(0);
     constexpr double kYawRate_rad_per_s = 2.5;
     const Drive d = drive(truth, 1, 1, kYawRate_rad_per_s);
-    CHECK(d.run.cause() == IdentCause::good_enough);
+    CHECK(d.run.cause() == IdentCause::direction_unverified);
+    CHECK(d.run.coupling_known());
     CHECK_FALSE(d.run.signs_known());
     CHECK_FALSE(d.run.signs_agree());
     CHECK(d.fastest_m_per_s <= kYawRate_rad_per_s * truth.track_m / 2);

@@ -93,7 +93,7 @@ class Drive(unittest.TestCase):
         expected = as_seen_with(truth, believed)
         self.assertEqual(self.rig.status()["ModelTrusted"], 0)
         began = time.time()
-        self.rig.send("IdentSettings", Duration=60)
+        self.rig.send("IdentSettings", Duration=25)
         self.rig.mode("ident")
         self.rig.until_status(lambda s: s["State"] != "ident", "the identification ends", seconds=80)
         seconds = time.time() - began

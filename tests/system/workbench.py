@@ -99,6 +99,7 @@ class Workbench(unittest.TestCase):
         self.assertEqual(ctl("param", "save"), (0, "save: nothing has changed since the robot file was read\n", ""))
         with open(self.rig.robot_file, encoding="utf-8") as file:
             self.assertEqual(file.read(), before)
+        self.rig.send("IdentSettings", Duration=25)  # as long as K5 and K6 need
         status, out, err = ctl("mode", "ident", seconds=120)
         print(out)
         self.assertEqual((status, err), (0, ""), out)

@@ -58,7 +58,7 @@ class Firmware(threading.Thread):
     def step_ident(self, now):
         if self.ending is None:
             return
-        ends, done = self.ending["ends"], self.ending["cause"] in ("good_enough", "coupling_not_known")
+        ends, done = self.ending["ends"], self.ending["cause"] in ("good_enough", "direction_unverified", "coupling_not_known")
         over = ends is not None and now >= ends
         if over and self.state == 3:
             self.state = 1

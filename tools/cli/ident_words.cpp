@@ -84,6 +84,13 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
     {IdentCause::one_sign_wrong,
      {"the robot moves like its mirror image: one wheel goes backwards, which one the wheels cannot tell",
       "look which one, and change its drive.left.sign or drive.right.sign"}},
+    {IdentCause::direction_unverified,
+     {"K5 to K8 are known for what the wheels report, but one wheel may go backwards: the centre of gravity "
+      "is "
+      "too near the axle to show it, and there was no external pose",
+      "drive slowly first, and watch which way the robot goes; if it turns instead of driving straight on, "
+      "change "
+      "drive.left.sign or drive.right.sign and identify again"}},
 }};
 
 constexpr bool in_order() {
@@ -148,9 +155,7 @@ std::string sides_sentence(const protocol::IdentStatus& status) {
     return std::string("left and right are not confirmed: ") +
            (status.signs_agree
                 ? "wheels swapped or both signs wrong cannot be seen without an external pose; look"
-                : "wheels swapped or wrong signs cannot be seen without an external pose, and this robot's "
-                  "centre "
-                  "of gravity is too near its axle to show a wrong sign of one wheel; look");
+                : "wheels swapped or wrong signs cannot be seen without an external pose; look");
 }
 
 std::string model_sentence(const protocol::IdentStatus& status) {

@@ -100,7 +100,7 @@ void tell_found(const Heard& heard) {
         std::printf("  %s  %s %s\n", name,
                     with_error(static_cast<double>(value), static_cast<double>(error)).c_str(), unit);
     };
-    const bool coupling = heard.ident->cause == protocol::IdentCause::good_enough;
+    const bool coupling = heard.ident->cause != protocol::IdentCause::coupling_not_known;
     row("K7", heard.k5_k7->k7_per_kg_m, heard.error_k5_k7->k7_per_kg_m, "1/(kg m)");
     row("K8", heard.k6_k8->k8_per_kg_m2, heard.error_k6_k8->k8_per_kg_m2, "1/(kg m^2)");
     row("K5", heard.k5_k7->k5_m, heard.error_k5_k7->k5_m, coupling ? "m" : "m, not kept");
