@@ -16,10 +16,7 @@ constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more tha
 constexpr double kGainBeyondNoise = 2;
 constexpr double kGainShare = 0.6;  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kAveraged = 64;            // spans
-constexpr double kBeyondFriction = 1.5;  // a push that friction and a slope it can hold do not turn round
-constexpr double kGainOfPush = 0.25;     // of what the torques alone would give
-constexpr int kAgainstPushCycles = 40;
+constexpr int kAveraged = 64;  // spans
 
 }  // namespace
 
@@ -37,12 +34,9 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) 
     const double rim_per_Nm =
         2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
     const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
-    return {limit_Nm,
-            std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
-            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(),
-            span_cycles,
-            full_rad_per_s2 * span_cycles * kCycle_s,
-            friction_Nm};
+    return {limit_Nm, std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
+            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(), span_cycles,
+            full_rad_per_s2 * span_cycles * kCycle_s};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -50,10 +44,8 @@ void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
     wheels_[0].angle_rad = angle_rad.left;
     wheels_[1].angle_rad = angle_rad.right;
     instants_known_ = cycles_ = 0;
-    against_cycles_ = against_push_cycles_ = {};
-    push_rad_per_s_ = {};
+    against_cycles_ = {};
     mirrored_ = false;
-    beside_ = {{{angle_rad.left, angle_rad.right}, {angle_rad.right, angle_rad.left}}};
 }
 
 bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
@@ -64,14 +56,6 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     const WheelPair<double>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
     expected_rad_per_s_.right += elapsed_s * expected.right;
-    const WheelPair<double> acting_Nm = observer.acting_torque_Nm();
-    const auto& g = plant.geometry;
-    const double forward = plant.dynamics.k7_per_kg_m * acting_Nm.sum();
-    const double turning = plant.dynamics.k8_per_kg_m2 * acting_Nm.difference() * g.track_m / 2;
-    push_rad_per_s_.left += elapsed_s * (forward - turning) / g.wheel_radius_m.left;
-    push_rad_per_s_.right += elapsed_s * (forward + turning) / g.wheel_radius_m.right;
-    const double least_Nm = std::min(std::abs(acting_Nm.left), std::abs(acting_Nm.right));
-    least_push_Nm_ = cycles_ == 0 ? least_Nm : std::min(least_push_Nm_, least_Nm);
     ++cycles_;
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
     const WheelPair<double> unexplained = observer.unexplained_acceleration();
@@ -91,14 +75,16 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     return left_lies || right_lies;
 }
 
-bool EncoderWatch::update_beside(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm) {
-    const auto stands = [](Beside& wheel, double own_rad, double other_rad, double own_Nm) {
-        if (own_Nm == 0 || own_rad != wheel.own_rad) wheel = {own_rad, other_rad};
-        return !(std::abs(other_rad - wheel.other_rad) <= kUnseen_rad);
-    };
-    const bool left = stands(beside_[0], angle_rad.left, angle_rad.right, torque_Nm.left);
-    const bool right = stands(beside_[1], angle_rad.right, angle_rad.left, torque_Nm.right);
-    return left || right;
+bool EncoderWatch::update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm) {
+    const bool left = torque_Nm.left != 0 && torque_Nm.right == 0;
+    const bool right = torque_Nm.right != 0 && torque_Nm.left == 0;
+    Wheel& pushed = wheels_[right ? 1 : 0];
+    if ((!left && !right) || (right ? angle_rad.right : angle_rad.left) != pushed.angle_rad) {
+        rest(angle_rad);
+        return false;
+    }
+    return !(std::abs((right ? angle_rad.left : angle_rad.right) - wheels_[right ? 0 : 1].angle_rad) <=
+             kUnseen_rad);
 }
 
 // Whether the angle is the same as before.
@@ -169,11 +155,9 @@ double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double
 }
 
 // Once in each span.
-bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s, bool identifying) {
+bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
     span_cycles_ = cycles_;
     cycles_ = 0;
-    const WheelPair<double> push = push_rad_per_s_;
-    push_rad_per_s_ = {};
     newest_ = (newest_ + 1) % kInstants;
     instants_[newest_] = {speed_rad_per_s, expected_rad_per_s_};
     instants_known_ = std::min(instants_known_ + 1, int(kInstants));
@@ -195,8 +179,7 @@ bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s, bool ident
     const bool turned = lie != Lie::none && lie == turned_round(from, last);
     const bool left = against(0, expected, told);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left});
-    const bool against_pushes = identifying && against_push(push, least_push_Nm_, told);
-    return turned || left || right || against_pushes;
+    return turned || left || right;
 }
 
 // Whether a wheel's speed is the mirror image of what torque and inertia have made of it, or the other
@@ -238,26 +221,6 @@ bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
         cycles += span_cycles_;
     }
     return cycles >= kAgainstCycles;
-}
-
-// Whether torques beyond friction have long made a wheel go their way and the other one go against it, or
-// both against it in turning: then they are exchanged. A slope moves both wheels one way.
-bool EncoderWatch::against_push(const WheelPair<double>& push, double least_Nm,
-                                const WheelPair<double>& told) {
-    const double size = std::min(std::abs(push.left), std::abs(push.right));
-    if (least_Nm < kBeyondFriction * settings_.friction_Nm || size < kGainBeyondNoise * unexpected_rad_per_s_)
-        return false;  // tells nothing
-    const std::array<double, 2> share{told.left / push.left, told.right / push.right};
-    const bool turning = push.left * push.right < 0;
-    bool lies = false;
-    for (std::size_t i = 0; i < 2; ++i) {
-        int& cycles = against_push_cycles_[i];
-        const double other = turning ? std::abs(share[1 - i]) : share[1 - i];
-        if (share[i] >= kGainOfPush) cycles = 0;
-        if (share[i] <= -kGainOfPush && other >= kGainOfPush) cycles += span_cycles_;
-        lies = lies || cycles >= kAgainstPushCycles;
-    }
-    return lies;
 }
 
 }  // namespace wheelwright::control

@@ -7,13 +7,12 @@
 // speed it had, and from the acceleration by the torque beyond what can be held without moving: friction, and
 // a slope's share, which is what accelerated the wheel while it turned, or what held it when it crept to a
 // stop. Nobody holds nearly the whole torque limit. Too much unseen is one and a half steps of the coarsest
-// encoder. Where no model is known yet, it is time; and in an identification's first pushes, which find out
-// whether a wheel turns at all, it is the other one's turning so far.
+// encoder. Where no model is known yet, it is time; and where one wheel alone is pushed, to find out whether
+// it turns at all, it is the other one's turning so far: a wheel that is held fast moves no robot.
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
-// wheel's, is a lie. See mirrored(). An identification pushes beyond friction on purpose, and gently: there a
-// wheel that goes against the push while the other one goes with it is enough.
+// wheel's, is a lie. See mirrored().
 //
 // One thread; no allocation. update(): about 100 instructions while the wheels turn.
 #pragma once
@@ -38,7 +37,6 @@ struct EncoderWatchSettings {
     double creeping_rad_per_s{};
     int span_cycles{};        // the observer follows within some of these
     double full_rad_per_s{};  // what full torque on both wheels makes of a wheel's speed in one
-    double friction_Nm{};     // of a wheel, no less than it is
 };
 
 EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from);
@@ -56,14 +54,13 @@ class EncoderWatch {
                 const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
                 const WheelPair<double>& torque_Nm, const PlantModel<double>& plant, bool model_known);
 
-    // Where the cycle has time for it, after update(): about 200 instructions once in a span. `identifying`:
-    // the torques are an identification's.
-    void look(const WheelPair<double>& speed_rad_per_s, bool identifying) {
-        if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s, identifying);
+    // Where the cycle has time for it, after update(): about 150 instructions once in a span.
+    void look(const WheelPair<double>& speed_rad_per_s) {
+        if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s);
     }
 
-    // Of an unknown robot: a wheel that is pushed stands to the digit, and the other one turns.
-    bool update_beside(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm);
+    // The same where one wheel is pushed alone.
+    bool update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm);
 
   private:
     struct Wheel {
@@ -78,9 +75,6 @@ class EncoderWatch {
         double unexplained_before = 0, unexplained_lately = 0;
         int history_age = 0;
     };
-    struct Beside {  // a wheel's angle, and the other's when it last changed
-        double own_rad = 0, other_rad = 0;
-    };
     struct Instant {
         WheelPair<double> speed_rad_per_s;
         WheelPair<double> expected_rad_per_s;  // gained by the model since the watch began
@@ -93,14 +87,12 @@ class EncoderWatch {
     double beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm, double slope_Nm) const;
     bool hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
                 const PlantModel<double>& plant, bool model_known) const;
-    [[gnu::noinline]] bool mirrored(const WheelPair<double>& speed_rad_per_s, bool identifying);
+    [[gnu::noinline]] bool mirrored(const WheelPair<double>& speed_rad_per_s);
     Lie turned_round(const Instant& from, const Instant& to) const;
     bool against(std::size_t wheel, const WheelPair<double>& expected, const WheelPair<double>& told);
-    bool against_push(const WheelPair<double>& push, double least_Nm, const WheelPair<double>& told);
 
     EncoderWatchSettings settings_;
     std::array<Wheel, 2> wheels_;
-    std::array<Beside, 2> beside_;
     WheelPair<double> expected_rad_per_s_;
     std::array<Instant, kInstants> instants_;
     std::size_t newest_ = 0;
@@ -108,10 +100,6 @@ class EncoderWatch {
     double unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};
-    // In the span: what the torques alone would have made of the speeds, and the least that a wheel had.
-    WheelPair<double> push_rad_per_s_;
-    double least_push_Nm_ = 0;
-    std::array<int, 2> against_push_cycles_{};
     int span_cycles_ = 0;  // that the last span took
     bool mirrored_ = false;
     int cycles_ = 0;  // since the newest

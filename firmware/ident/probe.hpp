@@ -378,11 +378,6 @@ class Probe {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
             const bool quick = quick_cycles_ >= kQuickCycles;
             if (gentle_ > kMostHalvings) return end(IdentCause::no_room);
-            // Twice the torque that has moved each wheel, for longer than that took.
-            if (leg_s > longest_ramp_s() + kSettle_s) {
-                if (std::abs(m.left) < moved_enough() / 4) return end(IdentCause::left_wheel_does_not_turn);
-                if (std::abs(m.right) < moved_enough() / 4) return end(IdentCause::right_wheel_does_not_turn);
-            }
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
                 if (wheel_running_free() != IdentCause::none) return end(wheel_running_free());
                 if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
@@ -402,12 +397,6 @@ class Probe {
             return end_push(turning);
         }
         torque_ = {sense * sign_left * push_Nm_, sense * push_Nm_};
-    }
-
-    // What it took to move either wheel.
-    double longest_ramp_s() const {
-        return kRamp_s * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right) /
-               options_.torque_limit_Nm;
     }
 
     void end_push(bool turning) {

@@ -36,18 +36,6 @@ std::int32_t ramp_limit_cycles(const model::RobotParameters& p) {
     return static_cast<std::int32_t>(limit_s / kCyclePeriod_s);
 }
 
-// An identification's floor is level, so friction alone may hold a wheel; and its torques are gentle, so a
-// gain of speed is looked at for longer.
-control::EncoderWatchSettings watch_settings(const model::RobotParameters& p, bool identifying) {
-    control::EncoderWatchSettings settings = control::encoder_watch_settings(p);
-    if (!identifying) return settings;
-    constexpr int kGentleSpan_cycles = 15;
-    settings.held_Nm = std::min(2 * settings.friction_Nm, settings.held_Nm);
-    settings.full_rad_per_s *= double(kGentleSpan_cycles) / settings.span_cycles;
-    settings.span_cycles = kGentleSpan_cycles;
-    return settings;
-}
-
 }  // namespace
 
 Cycle::Cycle(model::RobotParameters& parameters, SaveMailbox& mailbox, const CyclePorts& ports)
@@ -81,7 +69,7 @@ void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     senses_.configure(parameters_);
-    encoder_watch_.configure(watch_settings(parameters_, false));
+    encoder_watch_.configure(control::encoder_watch_settings(parameters_));
     drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
@@ -100,7 +88,7 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
-    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, identifying());
+    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s);
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 
@@ -182,7 +170,7 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
                          supervisor_.ramping(), host_.counter(HostLink::Cause::foreign_control), told});
 }
 
-// Of a robot that nobody knows yet, the probe says why a wheel does not turn.
+// The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
 bool Cycle::encoder_implausible(const Observed& seen) {
     const drivers::DriveFeedback& left = ports_.left.feedback();
     const drivers::DriveFeedback& right = ports_.right.feedback();
@@ -192,8 +180,7 @@ bool Cycle::encoder_implausible(const Observed& seen) {
         return false;
     }
     if (identifying() && learning_.run().state() == ident::IdentState::probing) {
-        if (encoder_watch_.update_beside(angle_rad, seen.last_torque_Nm)) return true;
-        if (!may_brake()) return false;
+        return encoder_watch_.update_alone(angle_rad, seen.last_torque_Nm);
     }
     return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
                                  senses_.observer(), seen.last_torque_Nm, control_.plant(), may_brake());
@@ -259,7 +246,6 @@ void Cycle::enter_mode(const supervisor::Verdict& verdict, const Observed& seen)
     } else {
         forget_late(host_, seen.now_ns, parameters_.safety.stale_command_cycles);
     }
-    encoder_watch_.configure(watch_settings(parameters_, mode.law == Law::excitation));
     control_.enter(mode.law, seen);
     if (mode.law == Law::excitation) {
         learning_.start_identification(parameters_, ident_settings_, seen);

@@ -20,7 +20,6 @@ enum class Expect : std::uint8_t {
 enum class From : std::uint8_t {
     harm,  // the bound counts from the injection
     told,  // from the moment at which the firmware is told, or at which it could have known
-    lie,   // from the moment at which an encoder is farther from the truth than a coarse one may be
 };
 
 struct TortureKind {
@@ -37,11 +36,6 @@ struct TortureKind {
     double deviation_m = 0.1;    // from where the robot would be without the fault, while it is watched
     bool unreachable = false;    // the firmware cannot reach the drives: their watchdogs must do it
     bool ends_firmware = false;  // no recovery
-    // Times as quick as in the untouched drive its rims may be, beside what a lie that is believed adds; 0:
-    // as the safety limits let them.
-    double quick = 1;
-    // So long somebody else's torque may be there where the firmware says that nobody drives.
-    double others_torque_s = 0;
 };
 
 std::span<const TortureKind> torture_kinds();
