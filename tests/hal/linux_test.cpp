@@ -46,8 +46,8 @@ bool become_nobody() {
 }  // namespace
 
 // The address sanitizer replaces mlockall() by nothing, which then cannot be refused either.
-#ifdef __SANITIZE_ADDRESS__
-constexpr bool locks_are_real = false;
+#ifdef __clang__
+constexpr bool locks_are_real = !__has_feature(address_sanitizer);
 #else
 constexpr bool locks_are_real = true;
 #endif
