@@ -15,6 +15,7 @@
 #include <cstring>
 #include <ctime>
 #include <system_error>
+#include <utility>
 
 #include "hal/linux/monotonic_clock.hpp"
 

@@ -85,12 +85,10 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
      {"the robot moves like its mirror image: one wheel goes backwards, which one the wheels cannot tell",
       "look which one, and change its drive.left.sign or drive.right.sign"}},
     {IdentCause::direction_unverified,
-     {"K5 to K8 are known for what the wheels report, but one wheel may go backwards: the centre of gravity "
-      "is "
-      "too near the axle to show it, and there was no external pose",
-      "drive slowly first, and watch which way the robot goes; if it turns instead of driving straight on, "
-      "change "
-      "drive.left.sign or drive.right.sign and identify again"}},
+     {"K5 to K8 are known for what the wheels report, but one wheel may go backwards: the centre of "
+      "gravity is too near the axle to show it, and there was no external pose",
+      "drive slowly first, and watch which way the robot goes; if it turns instead of driving straight "
+      "on, change drive.left.sign or drive.right.sign and identify again"}},
 }};
 
 constexpr bool in_order() {

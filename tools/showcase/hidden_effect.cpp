@@ -37,6 +37,11 @@ constexpr std::array kLegs{Leg{{0.8, 0}, 1.5},   Leg{{-0.6, 1.5}, 1.5}, Leg{{1.3
                            Leg{{-0.3, -1}, 1.5}, Leg{{1.6, 0}, 2},      Leg{{-1.6, 0}, 2}};
 constexpr double kAsGoodAsTruth = 1.1;  // figure-8 after, over that of a controller that knows the truth
 
+// left over right
+double radius_ratio(const model::Geometry<double>& geometry) {
+    return geometry.wheel_radius_m.left / geometry.wheel_radius_m.right;
+}
+
 }  // namespace
 
 void HiddenEffect::run(const task::RobotFile& robot, const std::string& robot_path,
@@ -55,6 +60,12 @@ void HiddenEffect::run(const task::RobotFile& robot, const std::string& robot_pa
     task::RobotFile truth = plant;
     truth.parameters.effects.active[effect] = true;
     truth.parameters.effects.parameter[effect] = parameters;
+    if (drawn.name == "torque_gain_mismatch") {
+        // What the file's ratio of the wheel radii is off by shows in the wheels' forces, and once more in
+        // the speeds that it makes of their turning.
+        const double off = radius_ratio(truth.parameters.geometry) / radius_ratio(robot.parameters.geometry);
+        parameters[0] = (1 + parameters[0]) * off * off - 1;
+    }
 
     std::error_code failed;
     std::filesystem::create_directories(folder, failed);

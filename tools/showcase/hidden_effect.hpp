@@ -11,8 +11,9 @@
 namespace wheelwright::tools {
 
 struct HiddenEffect {
-    std::size_t effect = 0;                  // drawn
-    model::Parameters<double> parameters{};  // its true values
+    std::size_t effect = 0;  // drawn
+    // Its true values, as a model with the file's wheel radii sees them.
+    model::Parameters<double> parameters{};
     double driven_s = 0;
     gap::Request request;
     gap::Findings findings;  // with the figure-8 before and after

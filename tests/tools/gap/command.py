@@ -252,15 +252,17 @@ class Demo(Rig):
     def test_the_demo_ends_with_an_effect_that_it_hides_and_finds(self):
         # seeds that draw different effects
         drawn = set()
-        for seed in (2, 3, 6):
+        for seed in (1, 2, 3, 6):
             status, out, err = run("demo", "--seed", seed, "--out", self.folder.name, "--json", self.path("demo.json"))
             self.assertEqual((status, err), (0, ""), out)
             with open(self.path("demo.json"), encoding="utf-8") as file:
                 hidden = json.load(file)["hidden_effect"]
             drawn.add(hidden["named"])
+            for row in hidden["parameters"]:
+                self.assertLess(abs(row["value"] - row["true_value"]), 3.3 * row["standard_error"], row)
             self.assertLess(hidden["figure_eight_after_mm"], hidden["figure_eight_given_mm"])
             self.assertLess(hidden["figure_eight_after_mm"], 1.05 * hidden["figure_eight_truth_mm"])
-        self.assertEqual(len(drawn), 3, drawn)
+        self.assertEqual(len(drawn), 4, drawn)
         with open(self.path("index.html"), encoding="utf-8") as file:
             self.assertIn("What the model lacks", file.read())
         self.assertGreater(os.path.getsize(self.path("gap/report.html")), 100_000)
