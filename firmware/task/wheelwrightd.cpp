@@ -329,6 +329,7 @@ int run(const Options& options) {
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
     block_signals(true);
+    hal::limit_thread_stacks();
     const task::Saver saver(options.config, mailbox);
     std::optional<task::BlackBoxWriter> box_writer;
     std::optional<task::BlackBoxThread> box_thread;

@@ -62,6 +62,15 @@ std::optional<Refusal> set_fifo_priority(int priority) {
     return refusal;
 }
 
+void limit_thread_stacks() {
+    constexpr std::size_t stack_bytes = 512 * 1024;
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    pthread_attr_setstacksize(&attributes, stack_bytes);
+    pthread_setattr_default_np(&attributes);
+    pthread_attr_destroy(&attributes);
+}
+
 std::optional<Refusal> lock_memory() {
     if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
         return std::nullopt;

@@ -1,4 +1,5 @@
 // What of hal/linux can be judged without a device: refusals, and the sentences they come with.
+#include <pthread.h>
 #include <sched.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
@@ -8,6 +9,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <string>
+#include <thread>
 
 #include "hal/linux/realtime.hpp"
 #include "hal/linux/socketcan_bus.hpp"
@@ -119,6 +121,20 @@ TEST(Realtime, a_locked_process_says_so_in_its_status) {
                         std::fclose(status);
                     }
                     return refused || locked_kib > 100 || !locks_are_real ? 0 : 1;
+                }));
+}
+
+TEST(Realtime, threads_get_small_stacks) {
+    LONGS_EQUAL(0, in_a_child([] {
+                    hal::limit_thread_stacks();
+                    std::size_t bytes = 0;
+                    std::thread([&bytes] {
+                        pthread_attr_t attributes;
+                        pthread_getattr_np(pthread_self(), &attributes);
+                        pthread_attr_getstacksize(&attributes, &bytes);
+                        pthread_attr_destroy(&attributes);
+                    }).join();
+                    return bytes > 0 && bytes <= 512 * 1024 ? 0 : 1;
                 }));
 }
 
