@@ -2,6 +2,7 @@
 import math
 import os
 import re
+import signal
 import struct
 import subprocess
 import time
@@ -66,6 +67,18 @@ class Commands(unittest.TestCase):
         subprocess.run(line, check=True)
         self.rig.until_state("torque")
         self.rig.mode("idle")
+
+    def test_ctl_asks_again_when_silent_drives_are_heard(self):
+        # As when the firmware, or the robot's power, has come up just before.
+        self.rig.robot.send_signal(signal.SIGSTOP)
+        self.rig.until_status(lambda s: "silent" in (s["DriveLeft"], s["DriveRight"]), "a drive is silent")
+        with subprocess.Popen([rig.wheelwright(), "ctl", "--can", "vcan0", "mode", "torque"], stdout=subprocess.PIPE,
+                              stderr=subprocess.STDOUT, text=True) as ctl:
+            self.rig.until_status(lambda s: s["Blocker"] == "drives_not_armed", "it is refused")
+            self.rig.robot.send_signal(signal.SIGCONT)
+            out = ctl.communicate(timeout=rig.LONG)[0]
+        self.assertEqual(ctl.returncode, 0, out)
+        self.assertRegex(out, "^state torque")
 
     def test_bad_frames_are_refused_counted_by_cause_and_change_nothing(self):
         self.rig.mode("torque")  # so that a wrong mode, torque or stop would show

@@ -100,6 +100,8 @@ int Link::read_key() {
 }
 
 int Link::ask(protocol::Mode mode) {
+    wanted_ = mode;
+    wanted_ns_ = can_now_ns();
     asked_.reset();
     if (code_ != nullptr && supervisor::drives(mode)) asked_ = mode;
     answered_ns_ = 0;
@@ -127,8 +129,13 @@ void Link::prove() {
     }
 }
 
-bool Link::may_still_arm(const protocol::Status& status) const {
+bool Link::may_still_arm(const protocol::Status& status) {
     using protocol::Blocker;
+    using protocol::DriveState;
+    const bool refused = status.blocker == Blocker::drives_not_armed &&
+                         status.state == protocol::Mode::idle && status.requested != wanted_;
+    const bool heard = status.drive_left != DriveState::silent && status.drive_right != DriveState::silent;
+    if (refused && heard && can_now_ns() > wanted_ns_ + kJudged_ns) return ask(wanted_) == kDone;
     if (status.blocker == Blocker::not_authenticated) {
         return asked_.has_value() && (answered_ns_ == 0 || can_now_ns() < answered_ns_ + kJudged_ns);
     }

@@ -47,8 +47,9 @@ class Link {
     int ask(protocol::Mode mode);
     // For who does not wait otherwise: until the mode that was asked for is on its way, or refused.
     void prove();
-    // Whether what blocks the mode that was asked for may pass.
-    bool may_still_arm(const protocol::Status& status) const;
+    // Whether what blocks the mode that was asked for may pass. Asks again once the firmware hears drives
+    // that it did not hear when it was asked.
+    bool may_still_arm(const protocol::Status& status);
     std::int64_t longest_arming_ns() const;
 
     // From now on HostAlive is sent whenever this program waits for frames, as the firmware stops what needs
@@ -107,10 +108,12 @@ class Link {
     std::uint8_t first_alive_ = 0;
     bool stays_alive_ = false;
     std::int64_t alive_due_ns_ = 0;
-    std::unique_ptr<hal::MessageCode> code_;  // null: no key
-    std::string robot_;                       // the key's
-    std::optional<protocol::Mode> asked_;     // the mode that a challenge is about
-    protocol::ArmingChallenge answered_;      // the last one, and when
+    std::unique_ptr<hal::MessageCode> code_;        // null: no key
+    std::string robot_;                             // the key's
+    protocol::Mode wanted_ = protocol::Mode::idle;  // the mode last asked for, and when
+    std::int64_t wanted_ns_ = 0;
+    std::optional<protocol::Mode> asked_;  // the mode that a challenge is about
+    protocol::ArmingChallenge answered_;   // the last one, and when
     std::int64_t answered_ns_ = 0;
     std::vector<std::pair<std::string, std::uint8_t>> alive_;
 };
