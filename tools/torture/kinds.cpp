@@ -56,6 +56,7 @@ double jam(const Scene& s) {
     return ends_first ? s.amount + kWaiting_s + 2 * kCycle_s + way(s) : watchdogs(s);
 }
 double implausible(const Scene&) { return 0.1; }
+constexpr std::string_view kImplausible = "100 ms from where a wheel is 1.5/64 of a turn from what is told";
 double ramp(const Scene& s) {
     return 2 * control::braking_time_s(s.setup().believed) + 0.5 + 2 * kCycle_s + way(s);
 }
@@ -182,11 +183,28 @@ void parameter(Scene& s, protocol::ParameterOperation operation, std::uint16_t i
     s.second_host(request);
 }
 
+// ---- how far what the encoders tell is from the truth, for From::lie
+double the_way(const Scene& s, const WheelPair<double>& turned_rad) {
+    return std::abs(s.setup().side == 0 ? turned_rad.left : turned_rad.right);
+}
+double twice_the_way(const Scene& s, const WheelPair<double>& turned_rad) {
+    return 2 * the_way(s, turned_rad);
+}
+double either_way(const Scene&, const WheelPair<double>& turned_rad) {
+    return std::max(std::abs(turned_rad.left), std::abs(turned_rad.right));
+}
+
 // ---- the table
 constexpr std::string_view kSilenceNames = "stale_feedback,drive_silent,drive_left_armed_state,bus_down";
 // A drive that has left closed loop reports no torque, before its heartbeat says why.
 constexpr std::string_view kDropsOutNames = "drive_left_armed_state,torque_not_followed,foreign_control";
 constexpr std::string_view kLieNames = "encoder_implausible,over_speed,stale_feedback";
+// The last ones are what an identification says that ends by itself.
+constexpr std::string_view kStillNames =
+    "encoder_implausible,left_wheel_does_not_turn,right_wheel_does_not_turn";
+constexpr std::string_view kSignNames =
+    "encoder_implausible,over_speed,stale_feedback,left_wheel_against_torque,right_wheel_against_torque,"
+    "one_sign_wrong";
 constexpr std::string_view kForeignNames = "foreign_control,drive_error,drive_left_armed_state";
 
 constexpr std::array kKinds{
@@ -422,31 +440,37 @@ constexpr std::array kKinds{
                         return Deal::pass;
                     });
                 }},
-    TortureKind{"lie_sign", "an encoder counts the other way from where it is", Expect::stops, kLieNames,
+    TortureKind{"lie_sign", "an encoder counts the other way from where it is", Expect::stops, kSignNames,
                 [](Scene& s) {
                     s.drive().reverse_encoder();
                     s.reversed = true;
+                    s.untold_rad = twice_the_way;
                 },
-                nullptr, implausible, "100 ms"},
-    TortureKind{"lie_frozen", "an encoder stands still", Expect::stops, "encoder_implausible",
-                [](Scene& s) { s.drive().faults().frozen_encoder = true; }, nullptr, implausible, "100 ms",
-                From::harm, 1.5},
-    TortureKind{"lie_both_frozen", "both encoders stand still", Expect::stops, "encoder_implausible",
+                nullptr, implausible, kImplausible, From::lie},
+    TortureKind{"lie_frozen", "an encoder stands still", Expect::stops, kStillNames,
+                [](Scene& s) {
+                    s.drive().faults().frozen_encoder = true;
+                    s.untold_rad = the_way;
+                },
+                nullptr, implausible, kImplausible, From::lie, 1.5},
+    TortureKind{"lie_both_frozen", "both encoders stand still", Expect::stops, kStillNames,
                 [](Scene& s) {
                     s.sim().world().left().faults().frozen_encoder = true;
                     s.sim().world().right().faults().frozen_encoder = true;
+                    s.untold_rad = either_way;
                 },
-                nullptr, implausible, "100 ms", From::harm, 1.5},
+                nullptr, implausible, kImplausible, From::lie, 1.5},
     TortureKind{"lie_frame_repeated", "the last encoder frame comes again and again, fresh", Expect::stops,
-                "encoder_implausible",
+                kStillNames,
                 [](Scene& s) {
+                    s.untold_rad = the_way;
                     hears(s, kEncoder, [](Scene& scene, hal::ReceivedFrame& r) {
                         if (scene.count++ == 0) scene.amount = double{number(r.frame, 0)};
                         put(r.frame, 0, static_cast<float>(scene.amount));
                         return Deal::pass;
                     });
                 },
-                nullptr, implausible, "100 ms", From::harm, 1.5},
+                nullptr, implausible, kImplausible, From::lie, 1.5},
     TortureKind{"lie_half_speed", "an encoder counts half of the way", Expect::either, kLieNames,
                 [](Scene& s) {
                     hears(s, kEncoder, [](Scene& scene, hal::ReceivedFrame& r) {
@@ -460,7 +484,7 @@ constexpr std::array kKinds{
                 nullptr, nullptr, "", From::harm, 1, 10},
     TortureKind{"origin_jump", "a drive's position becomes 0", Expect::serves, "",
                 [](Scene& s) { s.drive().zero_position(); }},
-    // At the change a frame may be missing, and the next one not go on from the last.
+    // A drive whose position breaks off looks like one that was off for a moment.
     TortureKind{"swapped_nodes", "the two drives' encoder frames change names", Expect::either,
                 "encoder_implausible,over_speed,stale_feedback,drive_left_armed_state",
                 [](Scene& s) {

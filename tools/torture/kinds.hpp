@@ -20,6 +20,7 @@ enum class Expect : std::uint8_t {
 enum class From : std::uint8_t {
     harm,  // the bound counts from the injection
     told,  // from the moment at which the firmware is told, or at which it could have known
+    lie,   // from the moment at which an encoder is farther from the truth than a coarse one may be
 };
 
 struct TortureKind {

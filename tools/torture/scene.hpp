@@ -88,6 +88,9 @@ class Scene {
     }
     // The firmware is told by the first frame of the tortured side's drive after its return.
     bool told_by_return = false, has_returned = false;
+    // From::lie: how far what encoders tell is from the truth, by how far the wheels have truly turned since.
+    // An encoder that stands still tells the truth of a wheel that does.
+    double (*untold_rad)(const Scene&, const WheelPair<double>& turned_rad) = nullptr;
     void begin_harm() { harm_ns_ = sim_.now_ns(); }
     double since_s() const { return since_s(sim_.now_ns()); }  // since the injection
     double since_s(std::int64_t now_ns) const { return 1e-9 * static_cast<double>(now_ns - harm_ns_); }

@@ -15,11 +15,14 @@ using protocol::Fault;
 using protocol::Mode;
 
 constexpr double kLongest_s = 2.5;  // of TortureKind::lasts_s
+constexpr double kLatestLie_s = 8;  // From::lie: an identification's next pushes are seen
 constexpr double kCycle_s = task::kCyclePeriod_s;
 // From then on the torque must be gone where the firmware says that nobody drives.
 constexpr double kGrace_s = 2 * kCycle_s;
 // A lie is believed for so long at most, by the bound for encoders; the robot may become so much quicker.
 constexpr double kBelieved_s = 0.1;
+// No encoder is farther from the truth than this: a step of the coarsest, and where in a step it began.
+constexpr double kCoarse_rad = 1.5 * control::kCoarsestStep_rad;
 // Noise of set-points and observers.
 constexpr double kRoom = 0.05;
 
@@ -86,7 +89,7 @@ class Judge final : public sim::BusTap {
             if (!(std::abs(double{motor_Nm}) <= 1.001 * limit_Nm))
                 violate("torque sent", text("%g Nm for a limit of %g", double{motor_Nm}, limit_Nm));
         }
-        if (harmed_ && !scene_.told_by_return && event.sender == 1 &&
+        if (harmed_ && !scene_.told_by_return && kind_.from != From::lie && event.sender == 1 &&
             command == drivers::odrive_0_6::Heartbeat::command && frame.length == 8) {
             std::uint32_t error = 0;
             std::memcpy(&error, frame.data.data(), 4);
@@ -94,7 +97,10 @@ class Judge final : public sim::BusTap {
         }
     }
 
-    void begin() { harmed_ = true; }
+    void begin() {
+        harmed_ = true;
+        harmed_angle_rad_ = scene_.sim().world().plant().wheel_angle_rad();
+    }
 
     // After each cycle. `watched`: the robot is under the fault, not in the recovery.
     void sample(bool watched) {
@@ -116,6 +122,12 @@ class Judge final : public sim::BusTap {
             !(omega <= p.safety.over_yaw_rate_rad_per_s * (1 + kRoom) + gain * p.dynamics.k8_per_kg_m2))
             violate("too fast",
                     text("%.2f rad/s for a limit of %.2f", omega, p.safety.over_yaw_rate_rad_per_s));
+        if (watched && scene_.untold_rad != nullptr) {
+            const WheelPair<double>& angle_rad = world.plant().wheel_angle_rad();
+            const WheelPair<double> turned_rad{angle_rad.left - harmed_angle_rad_.left,
+                                               angle_rad.right - harmed_angle_rad_.right};
+            if (scene_.untold_rad(scene_, turned_rad) > kCoarse_rad) scene_.tell();
+        }
         const Pose<double>& pose = world.pose();
         if (watched && scene_.setup().mode == Mode::ident && kind_.expect != Expect::obeys &&
             p.ident.distance_limit_m > 0) {
@@ -146,16 +158,18 @@ class Judge final : public sim::BusTap {
             }
         }
         if (supervisor.mode() != mode_ || supervisor.phase() != phase_ || supervisor.fault() != told_fault_ ||
-            (torque_Nm > 0) != torque_) {
+            identifying_ != identification() || (torque_Nm > 0) != torque_) {
             mode_ = supervisor.mode();
             phase_ = supervisor.phase();
             told_fault_ = supervisor.fault();
             torque_ = torque_Nm > 0;
+            identifying_ = identification();
             constexpr std::array kPhases{"steady", "arming", "ramping"};
-            result_.story.push_back(
-                text("%8.1f ms  %6.3f m/s  ", 1e3 * now_s, world.twist().v_m_per_s) +
-                std::string(protocol::to_string_view(mode_)) + " " + kPhases[std::size_t(phase_)] + ", " +
-                std::string(protocol::to_string_view(told_fault_)) + text(", %.3f Nm", torque_Nm));
+            result_.story.push_back(text("%8.1f ms  %6.3f m/s  ", 1e3 * now_s, world.twist().v_m_per_s) +
+                                    std::string(protocol::to_string_view(mode_)) + " " +
+                                    kPhases[std::size_t(phase_)] + ", " +
+                                    std::string(protocol::to_string_view(told_fault_)) +
+                                    text(", %.3f Nm", torque_Nm) + identifying_);
         }
     }
 
@@ -187,10 +201,19 @@ class Judge final : public sim::BusTap {
         }
     }
 
+    // What an identification does, or why it ended.
+    std::string identification() const {
+        if (scene_.setup().mode != Mode::ident) return "";
+        const protocol::IdentStatus status = scene_.sim().cycle().learning().status();
+        return ", " + std::string(protocol::to_string_view(status.phase)) + " " +
+               std::string(protocol::to_string_view(status.cause));
+    }
+
     Scene& scene_;
     const TortureKind& kind_;
     TortureResult& result_;
     Pose<double> start_;
+    WheelPair<double> harmed_angle_rad_;
     bool harmed_ = false;
     std::uint64_t hash_ = 0xCBF29CE484222325U;
     double last_torque_s_ = -1;
@@ -204,6 +227,7 @@ class Judge final : public sim::BusTap {
     supervisor::Phase phase_ = supervisor::Phase::steady;
     Fault told_fault_ = Fault::none;
     bool torque_ = false;
+    std::string identifying_;
 };
 
 // Nothing is without a way out: at rest and with the cause gone, it clears and drives.
@@ -264,9 +288,10 @@ UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots) {
         drive.problem = scene.problem;
         return drive;
     }
-    scene.sim().run_for(kLongest_s, [&] {
+    double fastest = 0;
+    scene.sim().run_for(kLatestLie_s, [&] {
         drive.pose.push_back(scene.sim().world().pose());
-        drive.fastest_rim_m_per_s = std::max(drive.fastest_rim_m_per_s, rim_m_per_s(scene.sim().world()));
+        drive.fastest_rim_m_per_s.push_back(fastest = std::max(fastest, rim_m_per_s(scene.sim().world())));
     });
     drive.mode_at_end = scene.sim().cycle().supervisor().mode();
     if (drive.mode_at_end == Mode::fault)
@@ -296,7 +321,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     // A ramp takes as long as the robot needs.
     const double lasts_s =
         kind.expect == Expect::rests ? std::max(kind.lasts_s, kind.bound_s(scene) + 0.5) : kind.lasts_s;
-    sim.run_for(lasts_s, [&] {
+    const auto watch = [&] {
         judge.sample(true);
         if (kind.each != nullptr) kind.each(scene);
         const std::size_t i =
@@ -306,14 +331,33 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
             result.deviation_m = std::max(result.deviation_m, std::hypot(pose.x_m - untouched.pose[i].x_m,
                                                                          pose.y_m - untouched.pose[i].y_m));
         }
-    });
+    };
+    sim.run_for(lasts_s, watch);
+    // What is no lie yet may still become one, and then has its time too.
+    if (kind.from == From::lie) {
+        sim.run_until([&] { return scene.told_s() || !supervisor.may_drive(); }, kLatestLie_s - lasts_s,
+                      watch);
+        if (scene.told_s()) sim.run_for(*scene.told_s() + 2 * kind.bound_s(scene) - scene.since_s(), watch);
+    }
+    const std::size_t watched = static_cast<std::size_t>(std::max(kLongest_s, scene.since_s()) / kCycle_s);
+    const double untouched_rim_m_per_s =
+        untouched.fastest_rim_m_per_s[std::min(watched, untouched.fastest_rim_m_per_s.size()) - 1];
     result.fault = protocol::to_string_view(supervisor.fault());
     result.stopped = !judge.faults().empty();
-    result.quicker_m_per_s = judge.rim() - untouched.fastest_rim_m_per_s;
+    // An identification that has found what is wrong ends by itself.
+    const auto& identification = sim.cycle().learning().run();
+    if (!result.stopped && kind.from == From::lie && untouched.setup.mode == Mode::ident &&
+        identification.state() == ident::IdentState::stopped_by_limit) {
+        result.stopped = true;
+        result.fault = protocol::to_string_view(identification.cause());
+        if (!names(kind.names, result.fault)) judge.violate("name", result.fault);
+    }
+    result.quicker_m_per_s = judge.rim() - untouched_rim_m_per_s;
     if (kind.bound_s != nullptr) result.bound_s = kind.bound_s(scene);
-    const double from_s = kind.from == From::told ? scene.told_s().value_or(0) : 0;
+    const double from_s = kind.from != From::harm ? scene.told_s().value_or(0) : 0;
+    const bool untold = kind.from == From::lie && !scene.told_s();
     const double latency_s = untouched.setup.simulation.command_latency_s;
-    if (result.stopped) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
+    if (result.stopped && !untold) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
 
     for (const Fault fault : judge.faults()) {
         const std::string_view name = protocol::to_string_view(fault);
@@ -325,10 +369,10 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
                 std::string(name));
     }
     if (kind.expect == Expect::stops) {
-        if (!result.stopped)
+        if (!result.stopped && !untold)
             judge.violate("goes on", "no fault, " + std::string(protocol::to_string_view(supervisor.mode())));
         const double bound_s = result.bound_s + latency_s;
-        if (judge.last_torque_s() - from_s > bound_s + 1e-9)
+        if (!untold && judge.last_torque_s() - from_s > bound_s + 1e-9)
             judge.violate("late", text("torque for %.1f ms, bound %.1f",
                                        1e3 * (judge.last_torque_s() - from_s), 1e3 * bound_s));
     }
@@ -356,7 +400,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
         const auto& k = untouched.setup.believed.dynamics;
         const double most =
             gain * (k.k7_per_kg_m + k.k8_per_kg_m2 * untouched.setup.believed.geometry.track_m / 2) +
-            kRoom * untouched.fastest_rim_m_per_s;
+            kRoom * untouched_rim_m_per_s;
         if (result.quicker_m_per_s > most)
             judge.violate("quicker", text("by %.2f m/s, bound %.2f", result.quicker_m_per_s, most));
     }

@@ -16,7 +16,7 @@ struct UntouchedDrive {
     SceneSetup setup;
     std::string problem;  // why it could not be driven; else empty
     std::vector<Pose<double>> pose;
-    double fastest_rim_m_per_s = 0;
+    std::vector<double> fastest_rim_m_per_s;  // so far
     protocol::Mode mode_at_end = protocol::Mode::idle;
 };
 UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots);

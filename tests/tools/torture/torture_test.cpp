@@ -35,10 +35,10 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"lie_sign", 5, "goes on"},                  // during an identification
-    {"lie_frozen", 5, "goes on"},
-    {"lie_both_frozen", 5, "goes on"},
-    {"lie_frame_repeated", 5, "goes on"},
+    {"lie_sign", 5, "goes on"},                  // during an identification, as the next three
+    {"lie_frozen", 20, "goes on"},
+    {"lie_both_frozen", 10, "goes on"},
+    {"lie_frame_repeated", 20, "goes on"},
     {"lie_half_speed", 29, "quicker"},
     {"origin_jump", 75, "false trip"},           // over_speed
     {"swapped_nodes", 22, "quicker"},
