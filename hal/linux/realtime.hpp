@@ -24,7 +24,8 @@ std::optional<Refusal> set_fifo_priority(int priority);
 // Keeps all memory of the process in RAM, what it takes later included.
 std::optional<Refusal> lock_memory();
 
-// Threads started from now on get stacks of 512 KiB: locked memory keeps every page of the usual 8 MiB.
+// Threads started from now on get stacks of 512 KiB: locked memory keeps every page of the usual 8 MiB. Where
+// the C library refuses, they keep its default.
 void limit_thread_stacks();
 
 // Lets the calling thread run on this processor only.

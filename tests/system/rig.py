@@ -397,6 +397,13 @@ class Rig:
         self.until_status(lambda s: s["State"] == "idle" and s["DriveLeft"] == s["DriveRight"] == "idle",
                           "it sees both drives idle")
 
+    def memory_MB(self):
+        """What the firmware holds in memory; printed, as docs/target.md gives it."""
+        with open(f"/proc/{self.daemon.pid}/status", encoding="ascii") as file:
+            MB = int(re.search(r"^VmRSS:\s+(\d+) kB", file.read(), re.M)[1]) / 1024
+        print(f"wheelwrightd holds {MB:.1f} MB")
+        return MB
+
     def stop_daemon(self, how=signal.SIGTERM):
         self.daemon.send_signal(how)
         return self.daemon.wait(LONG)

@@ -86,7 +86,7 @@ int await_state(Link& link, protocol::Mode wanted) {
             std::printf("%s\n", link.text_of(*status).c_str());
             return kDone;
         }
-        if (can_now_ns() > settled_ns && !link.may_still_arm(*status)) break;
+        if (can_now_ns() > settled_ns && !link.keeps_trying(*status)) break;
         if (can_now_ns() > last_ns) break;
         deadline_ns = std::min(can_now_ns() + kSecond_ns, last_ns);
     }

@@ -125,11 +125,11 @@ void Link::prove() {
     while (asked_ && answered_ns_ == 0) {
         const auto status = wait_for<protocol::Status>(last_ns);
         if (!status || status->requested == *asked_) return;
-        if (can_now_ns() > settled_ns && !may_still_arm(*status)) return;
+        if (can_now_ns() > settled_ns && !keeps_trying(*status)) return;
     }
 }
 
-bool Link::may_still_arm(const protocol::Status& status) {
+bool Link::keeps_trying(const protocol::Status& status) {
     using protocol::Blocker;
     using protocol::DriveState;
     const bool refused = status.blocker == Blocker::drives_not_armed &&
@@ -215,8 +215,7 @@ bool ModeWatch::follow(Link& link, std::int64_t deadline_ns) {
         } else if (entered_) {
             return false;
         } else if (heard_ns_ > asked_ns_ + kSecond_ns / 4) {
-            if (!link.may_still_arm(*status) || heard_ns_ > asked_ns_ + link.longest_arming_ns())
-                return false;
+            if (!link.keeps_trying(*status) || heard_ns_ > asked_ns_ + link.longest_arming_ns()) return false;
         }
     }
     return true;

@@ -49,7 +49,7 @@ class Link {
     void prove();
     // Whether what blocks the mode that was asked for may pass. Asks again once the firmware hears drives
     // that it did not hear when it was asked.
-    bool may_still_arm(const protocol::Status& status);
+    bool keeps_trying(const protocol::Status& status);
     std::int64_t longest_arming_ns() const;
 
     // From now on HostAlive is sent whenever this program waits for frames, as the firmware stops what needs
