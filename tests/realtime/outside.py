@@ -1,0 +1,75 @@
+"""A machine seen from outside, while it runs with --sockets (toolchain/qemu/run-rt, toolchain/image/run), and what it left."""
+import json
+import os
+import re
+import socket
+import struct
+import threading
+
+STOP, ENABLE = 1, 2  # lines of the PL061
+LINES = f"""
+[lines]
+chip = "/dev/gpiochip0"
+emergency_stop = {STOP}
+drive_enable = {ENABLE}
+"""
+TORQUES = (0x02E, 0x04E)  # Set_Input_Torque of nodes 1 and 2
+FRAME = re.compile(r"\((\d+\.\d+)\) \S+ ([0-9A-F]{3})#([0-9A-F]*)")
+
+
+class Outside:
+    """The far ends of the PL061's wires."""
+
+    def __init__(self, folder):
+        qmp = self.connect(folder, "qmp")
+        qmp.readline()
+        for command in ({"execute": "qmp_capabilities"},
+                        {"execute": "qom-list", "arguments": {"path": "/machine/unattached"}}):
+            qmp.write(json.dumps(command) + "\n")
+            qmp.flush()
+            answer = json.loads(qmp.readline())
+        chip = next(child["name"] for child in answer["return"] if child["type"] == "child<pl061>")
+        self.chip = f"/machine/unattached/{chip}"
+        self.qtest = self.connect(folder, "qtest")
+        self.seen = []  # what the machine drives: (line, level)
+        threading.Thread(target=self.listen, daemon=True).start()
+        self.say(f"irq_intercept_out {self.chip}")
+
+    @staticmethod
+    def connect(folder, name):
+        wire = socket.socket(socket.AF_UNIX)
+        wire.connect(os.path.join(folder, name))
+        return wire.makefile("rw", encoding="ascii")
+
+    def listen(self):
+        for answer in self.qtest:
+            words = answer.split()
+            if words[0] == "IRQ":
+                self.seen.append((int(words[2]), int(words[1] == "raise")))
+
+    def say(self, text):
+        self.qtest.write(text + "\n")
+        self.qtest.flush()
+
+    def set(self, line, level):
+        self.say(f"set_irq_in {self.chip} unnamed-gpio-in {line} {level}")
+
+
+def changes(path):
+    """What watch_lines saw: (last look before, first look after, levels)."""
+    with open(path, encoding="ascii") as file:
+        return [(float(before), float(after), int(levels, 16)) for before, after, levels in map(str.split, file)]
+
+
+def edges(seen, line, level):
+    """When the line took this level: (not before, not after)."""
+    bit = 1 << line
+    return [(before, after) for (before, after, levels), (_, _, last) in zip(seen[1:], seen)
+            if levels & bit != last & bit and bool(levels & bit) == bool(level)]
+
+
+def set_points(path):
+    """Of both drives, from a log: (time, identifier, Nm)."""
+    with open(path, encoding="ascii") as file:
+        return [(float(m[1]), int(m[2], 16), struct.unpack("<f", bytes.fromhex(m[3][:8]))[0])
+                for m in map(FRAME.match, file) if m and int(m[2], 16) in TORQUES]
