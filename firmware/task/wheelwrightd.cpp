@@ -15,6 +15,8 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
+#include <vector>
 
 #include "drivers/drive_catalogue.hpp"
 #include "firmware/task/black_box_writer.hpp"
@@ -106,20 +108,21 @@ bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, boo
     return bus.set_filters({filters.data(), count});
 }
 
-// Whether a firmware speaks there already: listens for a few of its Status frames' periods.
-bool is_taken(hal::CanBus& bus, hal::Clock& clock) {
-    constexpr std::int64_t kListen_ns = 5 * std::int64_t{protocol::Status::cycle_time_ms} * 1'000'000;
-    const std::int64_t end_ns = clock.now_ns() + kListen_ns;
+// For how long nobody else's Status must be heard before we speak: one of them may be late, or lost.
+constexpr std::int64_t kListen_ns = 3 * std::int64_t{protocol::Status::cycle_time_ms} * 1'000'000;
+
+// Whether a firmware speaks there already: what has come, and comes until then.
+bool is_taken(hal::CanBus& bus, hal::Clock& clock, std::int64_t end_ns) {
     hal::ReceivedFrame received;
-    while (clock.now_ns() < end_ns) {
+    for (;;) {
         while (bus.receive(received) == hal::CanStatus::ok) {
             const hal::CanFrame& frame = received.frame;
             if (frame.id == protocol::Status::id && !frame.extended && !frame.remote && !frame.error)
                 return true;
         }
+        if (clock.now_ns() >= end_ns) return false;
         clock.sleep_until_ns(clock.now_ns() + 1'000'000);
     }
-    return false;
 }
 
 std::string taken_text(const std::string& interface) {
@@ -304,8 +307,7 @@ int run(const Options& options) {
     if (!watch_bus) return fail(watch_bus.error().exit_status(), watch_bus.error().message);
     watch_bus.value()->set_filters({});
     hal::MonotonicClock clock;
-    if (is_taken(*drive_bus.value(), clock)) return fail(kUsage, taken_text(options.can));
-    if (host_bus && is_taken(*host_bus, clock)) return fail(kUsage, taken_text(options.host_can));
+    const std::int64_t listened_ns = clock.now_ns() + kListen_ns;  // while the rest is made ready
 
     drivers::DriveSlot left_slot;
     drivers::DriveSlot right_slot;
@@ -328,13 +330,17 @@ int run(const Options& options) {
         std::make_unique<task::Cycle>(parameters, mailbox, box == nullptr ? ports : box->ports());
     const auto statistics = std::make_unique<task::LoopStatistics>();
 
+    // All that a cycle touches is there; the threads below need not hold more than they use.
+    std::vector<hal::Refusal> refused;
+    if (box != nullptr) box->watch(*cycle);
+    if (auto unlocked = hal::lock_memory()) refused.push_back(*std::move(unlocked));
+
     block_signals(true);
     hal::limit_thread_stacks();
     const task::Saver saver(options.config, mailbox);
     std::optional<task::BlackBoxWriter> box_writer;
     std::optional<task::BlackBoxThread> box_thread;
     if (box != nullptr) {
-        box->watch(*cycle);
         const auto say = [](const std::string& sentence) {
             std::fprintf(stderr, "wheelwrightd: %s\n", sentence.c_str());
         };
@@ -359,7 +365,8 @@ int run(const Options& options) {
     hal::RealtimeOptions realtime;
     realtime.priority = parameters.realtime.priority;
     if (parameters.realtime.cpu >= 0) realtime.cpu = parameters.realtime.cpu;
-    const auto refused = hal::become_realtime(realtime);
+    realtime.memory = false;
+    for (hal::Refusal& one : hal::become_realtime(realtime)) refused.push_back(std::move(one));
     // Punctual without it too, where the machine has no deep idle states.
     if (const auto slow = hal::keep_processors_awake()) {
         std::fprintf(stderr, "wheelwrightd: note: %s\n", slow->sentence().c_str());
@@ -372,6 +379,9 @@ int run(const Options& options) {
             kMachineLacks,
             "without these the 1 kHz cycle cannot be promised; --allow-soft-realtime runs all the same");
     }
+
+    if (is_taken(*drive_bus.value(), clock, listened_ns)) return fail(kUsage, taken_text(options.can));
+    if (host_bus && is_taken(*host_bus, clock, listened_ns)) return fail(kUsage, taken_text(options.host_can));
 
     running_cycle = cycle.get();
     catch_signals();

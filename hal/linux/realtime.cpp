@@ -72,7 +72,7 @@ void limit_thread_stacks() {
 }
 
 std::optional<Refusal> lock_memory() {
-    if (mlockall(MCL_CURRENT | MCL_FUTURE) == 0) {
+    if (mlockall(MCL_CURRENT) == 0 && mlockall(MCL_FUTURE | MCL_ONFAULT) == 0) {
         return std::nullopt;
     }
     const int error = errno;
@@ -147,7 +147,7 @@ std::vector<Refusal> become_realtime(const RealtimeOptions& options) {
             refusals.push_back(*std::move(refusal));
         }
     };
-    note(lock_memory());
+    if (options.memory) note(lock_memory());
     note(prefault_stack(options.stack_bytes));
     if (options.cpu) {
         note(pin_to_cpu(*options.cpu));

@@ -21,11 +21,13 @@ struct Refusal {
 // SCHED_FIFO, priority 1..99, for the calling thread and threads it starts.
 std::optional<Refusal> set_fifo_priority(int priority);
 
-// Keeps all memory of the process in RAM, what it takes later included.
+// Keeps in RAM what the process has, touched or not, and what it takes later from when that is first touched.
+// So take before it what a cycle uses, and start threads that need not be punctual after it: of their stacks
+// they then hold what they use.
 std::optional<Refusal> lock_memory();
 
-// Threads started from now on get stacks of 512 KiB: locked memory keeps every page of the usual 8 MiB. Where
-// the C library refuses, they keep its default.
+// Threads started from now on get stacks of 512 KiB, for a limit of locked memory counts the usual 8 MiB whole.
+// Where the C library refuses, they keep its default.
 void limit_thread_stacks();
 
 // Lets the calling thread run on this processor only.
@@ -42,7 +44,8 @@ std::optional<Refusal> keep_processors_awake();
 struct RealtimeOptions {
     int priority = 80;
     std::optional<int> cpu;  // none: the scheduler decides
-    std::size_t stack_bytes = 256 * 1024;
+    std::size_t stack_bytes = 64 * 1024;  // a cycle uses less than a quarter of it (tests/alloc/stack_use.cpp)
+    bool memory = true;                   // false: it has been locked before
 };
 
 // All of the above but the idle states, everything tried; empty when all were granted. Also sets the timer
