@@ -1,7 +1,7 @@
 #include "firmware/task/black_box.hpp"
 
+#include <algorithm>
 #include <cstring>
-#include <new>
 
 namespace wheelwright::task {
 namespace {
@@ -33,24 +33,26 @@ __attribute__((no_sanitize("thread"), noinline)) void copy_while_it_may_change(
 template <std::uint8_t kNumber>
 hal::CanStatus BlackBox::Bus<kNumber>::send(const hal::CanFrame& frame) {
     const hal::CanStatus status = real_.send(frame);
-    box_.put_frame(status == hal::CanStatus::ok ? RecordKind::sent : RecordKind::refused, kNumber, frame, 0);
+    const RecordKind kind = status == hal::CanStatus::ok ? RecordKind::sent : RecordKind::refused;
+    if (box_.runs_) box_.tape_.frame(kind, kNumber, frame, 0);
     return status;
 }
 
 template <std::uint8_t kNumber>
 bool BlackBox::Bus<kNumber>::waits(std::uint32_t id) const {
     const bool waits = real_.waits(id);
-    if (waits) box_.put_waits(kNumber, id);
+    if (waits && box_.runs_) box_.tape_.waits(kNumber, id);
     return waits;
 }
 
 template <std::uint8_t kNumber>
 hal::CanStatus BlackBox::Bus<kNumber>::receive(hal::ReceivedFrame& out) {
     const hal::CanStatus status = real_.receive(out);
+    if (!box_.runs_) return status;
     if (status == hal::CanStatus::ok) {
-        box_.put_frame(RecordKind::received, kNumber, out.frame, out.timestamp_ns);
-    } else if (status == hal::CanStatus::bus_down && box_.record_ != nullptr) {
-        box_.record_->inputs.bus_down[kNumber] = true;
+        box_.tape_.frame(RecordKind::received, kNumber, out.frame, out.timestamp_ns);
+    } else if (status == hal::CanStatus::bus_down) {
+        box_.record_.inputs.bus_down[kNumber] = true;
     }
     return status;
 }
@@ -58,25 +60,23 @@ hal::CanStatus BlackBox::Bus<kNumber>::receive(hal::ReceivedFrame& out) {
 template <std::uint8_t kNumber>
 hal::CanStatistics BlackBox::Bus<kNumber>::statistics() const {
     const hal::CanStatistics now = real_.statistics();
-    StatisticsRecord& last = box_.statistics_;
-    if (box_.record_ != nullptr && kNumber == 0 &&
-        (now.receive_overflow != last.receive_overflow || now.error_frames != last.error_frames ||
-         now.bus_off != last.bus_off)) {
-        last = {{RecordKind::statistics, 0}, now.receive_overflow, now.error_frames, now.bus_off};
-        box_.put(last);
+    const BoxStatistics told{now.receive_overflow, now.error_frames, now.bus_off};
+    if (box_.runs_ && kNumber == 0 && told != box_.statistics_) {
+        box_.statistics_ = told;
+        box_.tape_.statistics(told);
     }
     return now;
 }
 
 hal::LineLevel BlackBox::StopLine::read() {
     const hal::LineLevel level = real_.read();
-    if (box_.record_ != nullptr) box_.record_->inputs.stop_line = level;
+    if (box_.runs_) box_.record_.inputs.stop_line = level;
     return level;
 }
 
 bool BlackBox::EnableLine::write(bool active) {
     const bool written = real_.write(active);
-    if (box_.record_ != nullptr) box_.record_->inputs.enable_written = written;
+    if (box_.runs_) box_.record_.inputs.enable_written = written;
     return written;
 }
 
@@ -101,61 +101,34 @@ void BlackBox::watch(Cycle& cycle) {
     cycle_ = &cycle;
     memory_bytes_ = sizeof(statistics_);
     for (const auto& part : cycle.memory()) memory_bytes_ += part.size();
-    for (Bank& bank : banks_) {
-        for (Segment& segment : bank.segments) {
-            // Written to, so that no page is missing when the loop comes to it.
-            segment.records = std::make_unique<std::byte[]>(kSegment_bytes);
-            segment.memory = std::make_unique<std::byte[]>(memory_bytes_);
-        }
+    for (Segment& segment : segments_) {
+        // Written to, so that no page is missing when the loop comes to it.
+        segment.records = std::make_unique<std::byte[]>(kSegment_bytes);
+        segment.memory = std::make_unique<std::byte[]>(memory_bytes_);
     }
     begin_segment();
     snapshot();
 }
 
-template <typename T>
-T& BlackBox::put(const T& record) {
-    T* const at = new (next_) T(record);
-    next_ += sizeof(T);
-    return *at;
-}
-
-void BlackBox::put_frame(RecordKind kind, std::uint8_t bus, const hal::CanFrame& frame,
-                         std::int64_t time_ns) {
-    if (record_ == nullptr) return;
-    FrameRecord* const record = new (next_) FrameRecord;
-    record->head = {kind, bus};
-    std::memcpy(record->frame.data(), &frame, kFrameStart_bytes);
-    record->time_ns = time_ns;
-    next_ += sizeof(FrameRecord);
-    if (frame.length > 8) {
-        std::memcpy(next_, frame.data.data() + 8, rest_bytes(frame.length));
-        next_ += rest_bytes(frame.length);
-    }
-}
-
-void BlackBox::put_waits(std::uint8_t bus, std::uint32_t id) {
-    hal::CanFrame frame;
-    frame.id = id;
-    frame.data = {};
-    put_frame(RecordKind::waits, bus, frame, 0);
-}
-
 void BlackBox::begin(const CycleTime& time) {
-    const Bank& bank = banks_[bank_];
-    if (next_ > full_ || number_ + 1 == bank.segments[bank.newest].first_cycle + kSegmentCycles) {
+    if (tape_.position() > full_ ||
+        number_ + 1 == segments_[order_[count_ - 1]].first_cycle + kSegmentCycles) {
         begin_segment();
     }
     ++number_;
     sequence_.store(2 * number_ - 1, std::memory_order_relaxed);
     std::atomic_thread_fence(std::memory_order_release);
-    record_ = &put(CycleRecord{{RecordKind::cycle, 0}, time, 0, {}, {}});
+    record_ = {time, 0, {}, {}};
+    tape_.cycle(time);
+    runs_ = true;
 }
 
 void BlackBox::end() {
-    record_->inputs.terminate = cycle_->conditions().terminate;
-    record_->inputs.save = mailbox_.answers();
-    record_->state = CycleState::of(cycle_->supervisor());
-    record_ = nullptr;
+    record_.inputs.terminate = cycle_->conditions().terminate;
+    record_.inputs.save = mailbox_.answers();
+    record_.state = CycleState::of(cycle_->supervisor());
+    tape_.end(record_);
+    runs_ = false;
     sequence_.store(2 * number_, std::memory_order_release);
 
     const protocol::Fault fault = cycle_->supervisor().fault();
@@ -176,45 +149,57 @@ void BlackBox::note_fault() {
     further_faults_ = 0;
 }
 
-void BlackBox::begin_segment() {
-    Bank& bank = banks_[bank_];
-    if (bank.count > 0) close_segment(bank);
-    bank.newest = (bank.newest + 1) % kSegments;
-    Segment& segment = bank.segments[bank.newest];
-    if (bank.count < kSegments) {
-        ++bank.count;
-    } else if (fault_cycle_ != 0 && fault_cycle_ < bank.segments[(bank.newest + 1) % kSegments].first_cycle) {
-        // The fault goes with the oldest segment: its record has waited for too long.
-        lost_faults_.fetch_add(1 + further_faults_, std::memory_order_relaxed);
-        fault_cycle_ = 0;
+std::size_t BlackBox::free_segment() const {
+    for (std::size_t i = 0; i < kSegments; ++i) {
+        const auto end = order_.begin() + static_cast<std::ptrdiff_t>(count_);
+        if (!segments_[i].handed.load(std::memory_order_acquire) && std::find(order_.begin(), end, i) == end)
+            return i;
     }
-    segment.first_cycle = number_ + 1;
-    next_ = segment.records.get();
-    full_ = next_ + kSegment_bytes - kMostOfACycle_bytes;
-    const std::uint64_t count = (newest_.load(std::memory_order_relaxed) >> 3U) + 1;
-    newest_.store(count << 3U | bank_ << 2U | bank.newest, std::memory_order_release);
+    return kSegments;
 }
 
-void BlackBox::close_segment(Bank& bank) {
-    Segment& segment = bank.segments[bank.newest];
-    segment.used_bytes = static_cast<std::size_t>(next_ - segment.records.get());
+void BlackBox::begin_segment() {
+    if (count_ > 0) close_segment();
+    std::size_t next = count_ < kRecordSegments ? free_segment() : kSegments;
+    if (next == kSegments) {
+        next = order_[0];
+        std::copy(order_.begin() + 1, order_.end(), order_.begin());
+        --count_;
+        if (fault_cycle_ != 0 && (count_ == 0 || fault_cycle_ < segments_[order_[0]].first_cycle)) {
+            // The fault goes with the oldest segment: its record has waited for too long.
+            lost_faults_.fetch_add(1 + further_faults_, std::memory_order_relaxed);
+            fault_cycle_ = 0;
+        }
+    }
+    order_[count_++] = next;
+    Segment& segment = segments_[next];
+    segment.first_cycle = number_ + 1;
+    tape_.start(segment.records.get());
+    full_ = segment.records.get() + kSegment_bytes - kMostOfACycle_bytes;
+    const std::uint64_t count = (newest_.load(std::memory_order_relaxed) >> 4U) + 1;
+    static_assert(kSegments <= 16);
+    newest_.store(count << 4U | next, std::memory_order_release);
+}
+
+void BlackBox::close_segment() {
+    Segment& segment = segments_[order_[count_ - 1]];
+    segment.used_bytes = static_cast<std::size_t>(tape_.position() - segment.records.get());
 }
 
 void BlackBox::hand_over() {
     if (handed_.load(std::memory_order_acquire)) return;  // the one before is still being written
-    Bank& bank = banks_[bank_];
-    close_segment(bank);
+    close_segment();
     written_ = {};
     written_.fault = waiting_fault_;
     written_.fault_cycle = fault_cycle_;
     written_.further_faults = further_faults_;
-    written_.segment_count = bank.count;
-    for (std::size_t i = 0; i < bank.count; ++i) {
-        written_.segments[i] = &bank.segments[(bank.newest + kSegments + 1 - bank.count + i) % kSegments];
+    written_.segment_count = count_;
+    for (std::size_t i = 0; i < count_; ++i) {
+        written_.segments[i] = &segments_[order_[i]];
+        written_.segments[i]->handed.store(true, std::memory_order_relaxed);
     }
     fault_cycle_ = 0;
-    bank_ = 1 - bank_;
-    banks_[bank_].count = 0;
+    count_ = 0;
     begin_segment();
     handed_.store(true, std::memory_order_release);
 }
@@ -230,7 +215,7 @@ bool BlackBox::snapshot() {
     if (newest == copied_) return true;
     const std::uint64_t before = sequence_.load(std::memory_order_acquire);
     if (before % 2 != 0) return false;
-    Segment& segment = banks_[newest >> 2U & 1U].segments[newest & 3U];
+    Segment& segment = segments_[newest & 15U];
     segment.memory_cycle = Segment::kNever;
     std::byte* to = segment.memory.get();
     const auto copy = [&to](std::span<const std::byte> from) {

@@ -8,12 +8,13 @@
 // number before and after itself, and a copy during which it has moved is thrown away (a seqlock). So the
 // loop copies no state, and waits for nobody.
 //
-// Two banks of memory take turns: one records while the other is being written. A bank is a ring of segments
-// of kSegmentCycles, each with a copy of the memory from its beginning; the oldest is given up for a new one.
-// Where frames come so densely that a segment is full before, the record is shorter.
+// A record is a ring of segments of kSegmentCycles, each with a copy of the memory from its beginning; the
+// oldest is given up for a new one. A record that is handed over keeps its segments until they are written; the
+// next one begins in those that are free, one at least, and gets the others back one by one. Where frames come
+// so densely that a segment is full before, the record is shorter.
 //
 // Threads: begin(), sending(), end() and the ports are the cycle's. snapshot(), record(), release() and
-// lost_faults() are the writer's. All memory is taken in the constructor.
+// lost_faults() are the writer's. All memory is taken by watch().
 #pragma once
 
 #include <array>
@@ -25,95 +26,25 @@
 #include <span>
 #include <type_traits>
 
+#include "firmware/task/black_box_tape.hpp"
 #include "firmware/task/cycle.hpp"
 
 namespace wheelwright::task {
-
-// ---- what is recorded -----------------------------------------------------------------------------------
-
-// One behind the other, each a multiple of 8 bytes long: CycleRecord, then what happened in that cycle, in
-// the order in which it did.
-enum class RecordKind : std::uint8_t {
-    cycle,       // CycleRecord
-    received,    // FrameRecord
-    sent,        // FrameRecord
-    refused,     // FrameRecord: the bus did not take it
-    waits,       // FrameRecord: a frame with this identifier was said to wait still
-    statistics,  // StatisticsRecord: they have changed
-};
-
-struct RecordHead {
-    RecordKind kind{};
-    std::uint8_t bus = 0;  // 0: the drives', 1: the host's own
-};
-
-// A frame as it lies in memory, up to its eighth byte of data; of an FD frame the rest follows the record.
-inline constexpr std::size_t kFrameStart_bytes = offsetof(hal::CanFrame, data) + 8;
-struct FrameRecord {
-    RecordHead head;
-    std::array<std::byte, kFrameStart_bytes> frame;
-    std::int64_t time_ns;  // received frames: the timestamp
-};
-
-// What follows the record of such a frame.
-constexpr std::size_t rest_bytes(std::uint8_t length) {
-    return length > 8 ? (length - std::size_t{8} + 7) / 8 * 8 : 0;
-}
-
-struct StatisticsRecord {
-    RecordHead head;
-    std::uint64_t receive_overflow = 0, error_frames = 0, bus_off = 0;
-};
-
-// What a cycle is told that is neither a frame nor time.
-struct CycleInputs {
-    hal::LineLevel stop_line = hal::LineLevel::inactive;
-    bool enable_written = true;
-    std::array<bool, 2> bus_down{};
-    bool terminate = false;
-    SaveMailbox::Answers save;
-};
-
-// What it has decided.
-struct CycleState {
-    protocol::Mode mode{}, requested{};
-    supervisor::Phase phase{};
-    supervisor::Owner owner{};
-    protocol::Fault fault{};
-    protocol::Blocker blocker{};
-
-    static CycleState of(const supervisor::Supervisor& s) {
-        return {s.mode(), s.requested(), s.phase(), s.owner(), s.fault(), s.blocker()};
-    }
-    bool operator==(const CycleState&) const = default;
-};
-
-struct CycleRecord {
-    RecordHead head;
-    CycleTime time;
-    std::int64_t sending_ns = 0;
-    CycleInputs inputs;
-    CycleState state;
-};
-
-static_assert(std::is_trivially_copyable_v<hal::CanFrame> && sizeof(FrameRecord) % 8 == 0 &&
-              sizeof(StatisticsRecord) % 8 == 0 && sizeof(CycleRecord) % 8 == 0);
-
-// ---- the box --------------------------------------------------------------------------------------------
 
 inline constexpr double kBlackBoxWindow_s = 30;
 
 class BlackBox {
   public:
-    static constexpr std::size_t kSegments = 4;  // the window, and one that is being filled
-    static constexpr std::uint64_t kSegmentCycles = 10'000;
-    static_assert((kSegments - 1) * kSegmentCycles * kCyclePeriod_s >= kBlackBoxWindow_s);
-    // Two drives at 1 kHz, host and telemetry make 2.3 MB of it.
-    static constexpr std::size_t kSegment_bytes = 3'000'000;
+    static constexpr std::uint64_t kSegmentCycles = 3000;
+    static constexpr std::size_t kRecordSegments = 11;  // the window, and one that is being filled
+    static constexpr std::size_t kSegments = kRecordSegments + 1;
+    static_assert((kRecordSegments - 1) * kSegmentCycles * kCyclePeriod_s >= kBlackBoxWindow_s);
+    // Two drives at 1 kHz, host and telemetry make 207 kB of it.
+    static constexpr std::size_t kSegment_bytes = 240'000;
     // What a fault has led to is recorded too.
     static constexpr std::uint64_t kCyclesAfterFault = 1000;
 
-    // Takes 24 MB. `real` are the ports of machine or simulation.
+    // `real` are the ports of machine or simulation.
     BlackBox(const CyclePorts& real, SaveMailbox& mailbox);
     ~BlackBox();
     BlackBox(const BlackBox&) = delete;
@@ -121,11 +52,11 @@ class BlackBox {
 
     // For the cycle's constructor; then watch() it. All of them outlive the recording.
     CyclePorts ports();
-    void watch(Cycle& cycle);  // copies its memory for the first time
+    void watch(Cycle& cycle);  // takes 3.5 MB, and copies the cycle's memory for the first time
 
     // The cycle's thread. Around think(), and around send().
     void begin(const CycleTime& time);
-    void sending(std::int64_t now_ns) { record_->sending_ns = now_ns; }
+    void sending(std::int64_t now_ns) { record_.sending_ns = now_ns; }
     void end();
 
     // ---- for whoever writes
@@ -141,20 +72,30 @@ class BlackBox {
         // writer's; until it has made a copy they are of what the segment held before.
         std::unique_ptr<std::byte[]> memory;
         std::uint64_t memory_cycle = kNever;
+        std::atomic<bool> handed{false};  // to the writer, who gives it back
+
+        std::span<const std::byte> tape() const { return {records.get(), used_bytes}; }
 
         bool has_memory() const { return memory_cycle != kNever && memory_cycle + 1 >= first_cycle; }
         static constexpr std::uint64_t kNever = UINT64_MAX;
     };
     struct Record {
-        std::array<const Segment*, kSegments> segments{};  // in order of time
+        std::array<Segment*, kRecordSegments> segments{};  // in order of time
         std::size_t segment_count = 0;
         protocol::Fault fault{};
         std::uint64_t fault_cycle = 0;
         std::uint32_t further_faults = 0;  // behind the first, in the same record
     };
-    // A record to be written, or nullptr; release() gives its memory back.
+    // A record to be written, or nullptr. release_segment() gives one's memory back, in their order, release()
+    // that of all.
     const Record* record() const { return handed_.load(std::memory_order_acquire) ? &written_ : nullptr; }
-    void release() { handed_.store(false, std::memory_order_release); }
+    void release_segment(std::size_t i) {
+        written_.segments[i]->handed.store(false, std::memory_order_release);
+    }
+    void release() {
+        for (std::size_t i = 0; i < written_.segment_count; ++i) release_segment(i);
+        handed_.store(false, std::memory_order_release);
+    }
     // Faults so far that are in no record, as an earlier one took too long to write.
     std::uint32_t lost_faults() const { return lost_faults_.load(std::memory_order_relaxed); }
     // After the last cycle: a fault that waits for what follows it, or for the writer, waits no longer.
@@ -163,11 +104,6 @@ class BlackBox {
     std::size_t memory_bytes() const { return memory_bytes_; }
 
   private:
-    struct Bank {
-        std::array<Segment, kSegments> segments;
-        std::size_t newest = 0, count = 0;
-    };
-
     template <std::uint8_t kNumber>
     class Bus final : public hal::CanBus {
       public:
@@ -203,12 +139,9 @@ class BlackBox {
         hal::DigitalOutput& real_;
     };
 
-    template <typename T>
-    T& put(const T& record);
-    void put_frame(RecordKind kind, std::uint8_t bus, const hal::CanFrame& frame, std::int64_t time_ns);
-    void put_waits(std::uint8_t bus, std::uint32_t id);
     void begin_segment();
-    void close_segment(Bank& bank);
+    void close_segment();
+    std::size_t free_segment() const;
     void note_fault();
     void hand_over();
 
@@ -221,13 +154,15 @@ class BlackBox {
     Cycle* cycle_ = nullptr;
     std::size_t memory_bytes_ = 0;
 
-    std::array<Bank, 2> banks_;
-    std::size_t bank_ = 0;           // that records
-    std::byte* next_ = nullptr;      // record
-    std::byte* full_ = nullptr;      // where a segment has no room for another cycle at its worst
-    std::uint64_t number_ = 0;       // of the cycle
-    CycleRecord* record_ = nullptr;  // of the cycle that runs; null: none does
-    StatisticsRecord statistics_;    // last recorded
+    std::array<Segment, kSegments> segments_;
+    std::array<std::size_t, kRecordSegments> order_{};  // of the record that runs, in order of time
+    std::size_t count_ = 0;
+    TapeWriter tape_;
+    const std::byte* full_ = nullptr;  // where a segment has no room for another cycle at its worst
+    std::uint64_t number_ = 0;         // of the cycle
+    CycleRecord record_;               // of the cycle that runs
+    bool runs_ = false;
+    BoxStatistics statistics_;  // last recorded
 
     protocol::Fault fault_{};
     std::uint64_t fault_cycle_ = 0;  // of one that waits to be handed over; 0: none does
@@ -235,7 +170,7 @@ class BlackBox {
     std::uint32_t further_faults_ = 0;
 
     std::atomic<std::uint64_t> sequence_{0};  // twice the cycle's number, and one less while it runs
-    std::atomic<std::uint64_t> newest_{0};    // segment, as a count of segments, bank and place in it
+    std::atomic<std::uint64_t> newest_{0};    // segment, as a count of segments and its place
     std::uint64_t copied_ = 0;                // the writer's: the newest that has its copy
     std::atomic<bool> handed_{false};
     Record written_;

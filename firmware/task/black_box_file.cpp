@@ -125,14 +125,6 @@ void add_memory(Lines& lines, std::span<const std::byte> memory) {
     }
 }
 
-// One record where it lies, and where in the file it has its place.
-struct Item {
-    std::int64_t time_ns;
-    std::uint64_t cycle;
-    std::uint32_t place;  // within the cycle; the cycle itself: how many it has
-    const std::byte* record;
-};
-
 template <typename T>
 T read_as(const std::byte* at) {
     T record;
@@ -140,97 +132,80 @@ T read_as(const std::byte* at) {
     return record;
 }
 
-hal::CanFrame frame_of(const std::byte* at) {
-    const auto record = read_as<FrameRecord>(at);
-    hal::CanFrame frame;
-    std::memcpy(static_cast<void*>(&frame), record.frame.data(), kFrameStart_bytes);
-    std::memcpy(frame.data.data() + 8, at + sizeof(record),
-                std::min(rest_bytes(frame.length), sizeof(frame.data) - 8));
-    return frame;
-}
-
-std::size_t size_of(const std::byte* at) {
-    const auto kind = read_as<RecordHead>(at).kind;
-    if (kind == RecordKind::cycle) return sizeof(CycleRecord);
-    if (kind == RecordKind::statistics) return sizeof(StatisticsRecord);
-    hal::CanFrame frame;
-    std::memcpy(static_cast<void*>(&frame), read_as<FrameRecord>(at).frame.data(), kFrameStart_bytes);
-    return sizeof(FrameRecord) + rest_bytes(frame.length);
-}
-
-std::vector<Item> items_of(const BlackBox::Record& record) {
-    std::vector<Item> items;
-    for (std::size_t s = 0; s < record.segment_count; ++s) {
-        const BlackBox::Segment& segment = *record.segments[s];
-        std::uint64_t cycle = segment.first_cycle - 1;
-        std::size_t cycle_item = 0;
-        std::int64_t sending_ns = 0;
-        for (std::size_t at = 0; at < segment.used_bytes;) {
-            const std::byte* const here = segment.records.get() + at;
-            at += size_of(here);
-            const auto head = read_as<RecordHead>(here);
-            if (head.kind == RecordKind::cycle) {
-                const auto told = read_as<CycleRecord>(here);
-                cycle_item = items.size();
-                sending_ns = told.sending_ns;
-                items.push_back({told.time.scheduled_ns, ++cycle, 0, here});
-                continue;
-            }
-            const bool received = head.kind == RecordKind::received;
-            items.push_back({received ? read_as<FrameRecord>(here).time_ns : sending_ns, cycle,
-                             items[cycle_item].place++, here});
-        }
-    }
-    std::stable_sort(items.begin(), items.end(),
-                     [](const Item& a, const Item& b) { return a.time_ns < b.time_ns; });
-    return items;
-}
-
-std::string cycle_line(const Item& item) {
-    const auto r = read_as<CycleRecord>(item.record);
+std::string cycle_line(std::uint64_t number, const BoxCycle& cycle) {
+    const CycleRecord& r = cycle.told;
     const CycleInputs& in = r.inputs;
     const CycleState& s = r.state;
-    return text("#> %" PRIu64 " %u %" PRId64 " %" PRId64 " %" PRId64 " %" PRId64 " %" PRId64
+    return text("#> %" PRIu64 " %zu %" PRId64 " %" PRId64 " %" PRId64 " %" PRId64 " %" PRId64
                 " %u %u %u %u %u %u %u %u %u %u %u %u %u",
-                item.cycle, item.place, r.time.scheduled_ns, r.time.woken_ns - r.time.scheduled_ns,
-                r.time.last_execution_ns, r.time.missed, r.sending_ns - r.time.scheduled_ns,
-                unsigned(in.stop_line), unsigned(in.enable_written), unsigned(in.bus_down[0]),
-                unsigned(in.bus_down[1]), unsigned(in.terminate), unsigned(in.save.refused),
-                unsigned(in.save.outcome), unsigned(s.mode), unsigned(s.requested), unsigned(s.phase),
-                unsigned(s.owner), unsigned(s.fault), unsigned(s.blocker));
+                number, cycle.frames.size() + cycle.statistics.size(), r.time.scheduled_ns,
+                r.time.woken_ns - r.time.scheduled_ns, r.time.last_execution_ns, r.time.missed,
+                r.sending_ns - r.time.scheduled_ns, unsigned(in.stop_line), unsigned(in.enable_written),
+                unsigned(in.bus_down[0]), unsigned(in.bus_down[1]), unsigned(in.terminate),
+                unsigned(in.save.refused), unsigned(in.save.outcome), unsigned(s.mode),
+                unsigned(s.requested), unsigned(s.phase), unsigned(s.owner), unsigned(s.fault),
+                unsigned(s.blocker));
 }
 
-std::string item_line(const Item& item, const BoxAbout& about) {
-    const auto head = read_as<RecordHead>(item.record);
-    switch (head.kind) {
-        case RecordKind::cycle:
-            return cycle_line(item);
-        case RecordKind::waits:
-            return text("#w %" PRIu64 ".%u %u %03X", item.cycle, item.place, unsigned(head.bus),
-                        frame_of(item.record).id);
-        case RecordKind::statistics: {
-            const auto s = read_as<StatisticsRecord>(item.record);
-            return text("#s %" PRIu64 ".%u %" PRIu64 " %" PRIu64 " %" PRIu64, item.cycle, item.place,
-                        s.receive_overflow, s.error_frames, s.bus_off);
-        }
-        default:
-            break;
-    }
+std::string frame_line(const std::string& place, const BoxFrame& frame, std::int64_t time_ns,
+                       const BoxAbout& about) {
+    if (frame.kind == RecordKind::waits)
+        return "#w " + place + text(" %u %03X", unsigned(frame.bus), frame.received.frame.id);
+    const bool received = frame.kind == RecordKind::received;
     hal::LogFrame line;
-    line.time_ns = item.time_ns + about.offset_ns;
-    line.interface = about.interface[head.bus & 1U];
-    line.frame = frame_of(item.record);
-    line.suffix =
-        text(" %c %" PRIu64 ".%u", head.kind == RecordKind::received ? 'R' : 'T', item.cycle, item.place);
-    if (head.kind == RecordKind::received) line.suffix += text(" %03d", int(item.time_ns % 1000));
-    return (head.kind == RecordKind::refused ? "#! " : "") + hal::format_candump_line(line);
+    line.time_ns = time_ns + about.offset_ns;
+    line.interface = about.interface[frame.bus];
+    line.frame = frame.received.frame;
+    line.suffix = (received ? " R " : " T ") + place;
+    if (received) line.suffix += text(" %03d", int(time_ns % 1000));
+    return (frame.kind == RecordKind::refused ? "#! " : "") + hal::format_candump_line(line);
+}
+
+// Puts lines into the order of their times, which differs from that of the cycles by one of them.
+class Sorted {
+  public:
+    explicit Sorted(Lines& lines) : lines_(lines) {}
+    void add(std::int64_t time_ns, std::string line) { waiting_.push_back({time_ns, std::move(line)}); }
+    // Nothing from before this time will come, but what has waited for long.
+    void until(std::int64_t time_ns) {
+        std::stable_sort(waiting_.begin(), waiting_.end(),
+                         [](const Line& a, const Line& b) { return a.time_ns < b.time_ns; });
+        const auto end = std::find_if(waiting_.begin(), waiting_.end(),
+                                      [&](const Line& line) { return line.time_ns >= time_ns; });
+        for (auto line = waiting_.begin(); line != end; ++line) lines_.add(line->text);
+        waiting_.erase(waiting_.begin(), end);
+    }
+
+  private:
+    struct Line {
+        std::int64_t time_ns;
+        std::string text;
+    };
+    Lines& lines_;
+    std::vector<Line> waiting_;
+};
+
+void add_cycle(Sorted& sorted, std::uint64_t number, const BoxCycle& cycle, const BoxAbout& about) {
+    std::size_t place = 0;
+    const auto next_place = [&] { return text("%" PRIu64 ".%zu", number, place++); };
+    sorted.add(cycle.told.time.scheduled_ns, cycle_line(number, cycle));
+    for (const BoxFrame& frame : cycle.frames) {
+        const std::int64_t time_ns =
+            frame.kind == RecordKind::received ? frame.received.timestamp_ns : cycle.told.sending_ns;
+        sorted.add(time_ns, frame_line(next_place(), frame, time_ns, about));
+    }
+    for (const BoxStatistics& s : cycle.statistics) {
+        sorted.add(cycle.told.sending_ns, "#s " + next_place() +
+                                              text(" %" PRIu64 " %" PRIu64 " %" PRIu64, s.receive_overflow,
+                                                   s.error_frames, s.bus_off));
+    }
 }
 
 }  // namespace
 
 bool write_black_box(const BlackBox::Record& record, std::size_t memory_bytes, const BoxAbout& about,
-                     const std::function<bool(std::string_view)>& write) {
-    const std::vector<Item> items = items_of(record);
+                     const std::function<bool(std::string_view)>& write,
+                     const std::function<void(std::size_t)>& read) {
     Lines lines(write);
     lines.add(std::string(kTitle));
     lines.add("#: build " + about.build);
@@ -254,10 +229,18 @@ bool write_black_box(const BlackBox::Record& record, std::size_t memory_bytes, c
         add_memory(lines, memory);
         break;
     }
-    for (const Item& item : items) {
-        lines.add(item_line(item, about));
-        if (!lines.good()) return false;
+    Sorted sorted(lines);
+    BoxCycle cycle;
+    for (std::size_t i = 0; i < record.segment_count; ++i) {
+        TapeReader tape(record.segments[i]->tape());
+        for (std::uint64_t number = record.segments[i]->first_cycle; tape.next(cycle); ++number) {
+            add_cycle(sorted, number, cycle, about);
+            sorted.until(cycle.told.time.scheduled_ns);
+            if (!lines.good()) return false;
+        }
+        read(i);
     }
+    sorted.until(INT64_MAX);
     return lines.end();
 }
 
@@ -328,7 +311,7 @@ class Reader {
     struct Placed {
         std::uint64_t cycle = 0;
         std::uint32_t place = 0;
-        std::optional<StatisticsRecord> statistics;
+        std::optional<BoxStatistics> statistics;
         BoxFrame frame;
     };
     std::string take_key(std::string_view line);
@@ -485,7 +468,7 @@ std::string Reader::take_statistics(std::string_view line) {
     Words words(line);
     Placed placed;
     words.place(placed.cycle, placed.place);
-    StatisticsRecord& s = placed.statistics.emplace();
+    BoxStatistics& s = placed.statistics.emplace();
     s.receive_overflow = words.number<std::uint64_t>();
     s.error_frames = words.number<std::uint64_t>();
     s.bus_off = words.number<std::uint64_t>();

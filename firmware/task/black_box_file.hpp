@@ -41,20 +41,12 @@ struct BoxAbout {
     std::string robot_file;      // its text
 };
 
-// False: `write` has refused a piece, nothing more was given to it.
+// False: `write` has refused a piece, nothing more was given to it. `read` hears of each segment that is not
+// needed any more.
 bool write_black_box(const BlackBox::Record& record, std::size_t memory_bytes, const BoxAbout& about,
-                     const std::function<bool(std::string_view)>& write);
+                     const std::function<bool(std::string_view)>& write,
+                     const std::function<void(std::size_t)>& read);
 
-struct BoxFrame {
-    RecordKind kind{};
-    std::uint8_t bus = 0;
-    hal::ReceivedFrame received;  // sent and refused ones: without a time
-};
-struct BoxCycle {
-    CycleRecord told;
-    std::vector<BoxFrame> frames;              // received, sent, refused, waits; in order
-    std::vector<StatisticsRecord> statistics;  // as they changed
-};
 struct BlackBoxFile {
     BoxAbout about;
     std::string fault;  // its name

@@ -102,7 +102,8 @@ void BlackBoxWriter::write(const BlackBox::Record& record) {
                              std::string(protocol::to_string_view(record.fault)) + ".log";
     about_.offset_ns = offset_ == nullptr ? 0 : offset_() / 1000 * 1000;
     const std::string problem = write_whole_file(path, [&](const Pieces& write) {
-        return write_black_box(record, box_.memory_bytes(), about_, write);
+        return write_black_box(record, box_.memory_bytes(), about_, write,
+                               [&](std::size_t segment) { box_.release_segment(segment); });
     });
     if (!problem.empty()) {
         say_("a black box is lost: " + problem);

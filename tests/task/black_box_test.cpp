@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <chrono>
 #include <csignal>
+#include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -299,6 +300,56 @@ TEST(BlackBox, a_fault_while_another_is_written_waits_or_is_counted) {
     rig.box().release();
     run(1);
     CHECK(rig.box().record() == nullptr);
+}
+
+TEST(BlackBox, a_record_has_half_a_minute_and_the_next_one_begins_while_it_is_written) {
+    tools::ExampleRobots robots = tools::example_robots(true);
+    tools::RigOptions options;
+    options.world = robots.world;
+    options.black_box = true;
+    tools::CycleRig rig(robots.controller, robots.truth, options);
+    protocol::TrajectoryCommand command;
+    command.shape = protocol::TrajectoryShape::figure_eight;
+    int cycle = 0;
+    const auto run = [&](int cycles) {
+        for (int i = 0; i < cycles; ++i, ++cycle) {
+            if (cycle == 300) rig.host().trajectory(command);
+            if (cycle == 300) rig.host().mode(Mode::adaptive);
+            rig.step();
+            rig.box().snapshot();
+        }
+    };
+    run(40'000);
+    CHECK(rig.cycle().supervisor().mode() == Mode::adaptive);
+    rig.host().emergency_stop();
+    run(1100);
+    const task::BlackBox::Record* first = rig.box().record();
+    CHECK(first != nullptr);
+    CHECK_EQUAL(task::BlackBox::kRecordSegments, first->segment_count);
+    std::size_t most_bytes = 0;
+    for (std::size_t i = 0; i + 1 < first->segment_count; ++i) {
+        CHECK_EQUAL(task::BlackBox::kSegmentCycles,
+                    first->segments[i + 1]->first_cycle - first->segments[i]->first_cycle);
+        most_bytes = std::max(most_bytes, first->segments[i]->used_bytes);
+    }
+    std::printf("%.1f bytes a cycle\n", double(most_bytes) / double(task::BlackBox::kSegmentCycles));
+    CHECK(first->fault_cycle - first->segments[0]->first_cycle > 29'000);
+
+    // One segment is free; as the writer gives the others back, the next record has them.
+    for (std::size_t i = 0; i < first->segment_count; ++i) {
+        run(int(task::BlackBox::kSegmentCycles) - 100);
+        rig.box().release_segment(i);
+    }
+    rig.box().release();
+    rig.host().clear_fault();
+    run(100);
+    CHECK(rig.cycle().supervisor().fault() == Fault::none);
+    rig.host().emergency_stop();
+    run(1100);
+    const task::BlackBox::Record* second = rig.box().record();
+    CHECK(second != nullptr && second->segments[0]->has_memory());
+    CHECK_EQUAL(task::BlackBox::kRecordSegments, second->segment_count);
+    CHECK_EQUAL(0U, rig.box().lost_faults());
 }
 
 // The writer's thread copies while cycles come quicker than on any robot, and throws torn copies away.

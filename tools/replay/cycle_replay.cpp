@@ -73,7 +73,7 @@ class Script {
         return false;
     }
     const task::CycleInputs& inputs() const { return cycle_->told.inputs; }
-    task::StatisticsRecord& statistics() { return statistics_; }
+    task::BoxStatistics& statistics() { return statistics_; }
 
   private:
     const BoxFrame* nth_sent(std::size_t n) const {
@@ -104,7 +104,7 @@ class Script {
     std::size_t sent_ = 0;
     std::array<std::size_t, 2> next_{};
     std::string what_;
-    task::StatisticsRecord statistics_;
+    task::BoxStatistics statistics_;
 };
 
 class ScriptBus final : public hal::CanBus {
@@ -154,7 +154,7 @@ std::string state_text(const task::CycleState& s) {
 }
 
 // Writes the memory to where it belongs. False: it has another size.
-bool restore(task::Cycle& cycle, task::StatisticsRecord& statistics, std::span<const std::byte> memory) {
+bool restore(task::Cycle& cycle, task::BoxStatistics& statistics, std::span<const std::byte> memory) {
     const auto take = [&memory](std::span<std::byte> to) {
         if (memory.size() < to.size()) return false;
         std::memcpy(to.data(), memory.data(), to.size());
