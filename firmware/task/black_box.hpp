@@ -9,9 +9,9 @@
 // loop copies no state, and waits for nobody.
 //
 // A record is a ring of segments of kSegmentCycles, each with a copy of the memory from its beginning; the
-// oldest is given up for a new one. A record that is handed over keeps its segments until they are written; the
-// next one begins in those that are free, one at least, and gets the others back one by one. Where frames come
-// so densely that a segment is full before, the record is shorter.
+// oldest is given up for a new one. A record that is handed over keeps its segments until they are written;
+// the next one begins in those that are free, one at least, and gets the others back one by one. Where frames
+// come so densely that a segment is full before, the record is shorter.
 //
 // Threads: begin(), sending(), end() and the ports are the cycle's. snapshot(), record(), release() and
 // lost_faults() are the writer's. All memory is taken by watch().
@@ -86,8 +86,8 @@ class BlackBox {
         std::uint64_t fault_cycle = 0;
         std::uint32_t further_faults = 0;  // behind the first, in the same record
     };
-    // A record to be written, or nullptr. release_segment() gives one's memory back, in their order, release()
-    // that of all.
+    // A record to be written, or nullptr. release_segment() gives one's memory back, in their order,
+    // release() that of all.
     const Record* record() const { return handed_.load(std::memory_order_acquire) ? &written_ : nullptr; }
     void release_segment(std::size_t i) {
         written_.segments[i]->handed.store(false, std::memory_order_release);

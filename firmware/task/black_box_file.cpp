@@ -142,9 +142,8 @@ std::string cycle_line(std::uint64_t number, const BoxCycle& cycle) {
                 r.time.woken_ns - r.time.scheduled_ns, r.time.last_execution_ns, r.time.missed,
                 r.sending_ns - r.time.scheduled_ns, unsigned(in.stop_line), unsigned(in.enable_written),
                 unsigned(in.bus_down[0]), unsigned(in.bus_down[1]), unsigned(in.terminate),
-                unsigned(in.save.refused), unsigned(in.save.outcome), unsigned(s.mode),
-                unsigned(s.requested), unsigned(s.phase), unsigned(s.owner), unsigned(s.fault),
-                unsigned(s.blocker));
+                unsigned(in.save.refused), unsigned(in.save.outcome), unsigned(s.mode), unsigned(s.requested),
+                unsigned(s.phase), unsigned(s.owner), unsigned(s.fault), unsigned(s.blocker));
 }
 
 std::string frame_line(const std::string& place, const BoxFrame& frame, std::int64_t time_ns,

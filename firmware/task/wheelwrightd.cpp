@@ -381,7 +381,8 @@ int run(const Options& options) {
     }
 
     if (is_taken(*drive_bus.value(), clock, listened_ns)) return fail(kUsage, taken_text(options.can));
-    if (host_bus && is_taken(*host_bus, clock, listened_ns)) return fail(kUsage, taken_text(options.host_can));
+    if (host_bus && is_taken(*host_bus, clock, listened_ns))
+        return fail(kUsage, taken_text(options.host_can));
 
     running_cycle = cycle.get();
     catch_signals();

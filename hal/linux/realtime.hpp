@@ -26,8 +26,8 @@ std::optional<Refusal> set_fifo_priority(int priority);
 // they then hold what they use.
 std::optional<Refusal> lock_memory();
 
-// Threads started from now on get stacks of 512 KiB, for a limit of locked memory counts the usual 8 MiB whole.
-// Where the C library refuses, they keep its default.
+// Threads started from now on get stacks of 512 KiB, for a limit of locked memory counts the usual 8 MiB
+// whole. Where the C library refuses, they keep its default.
 void limit_thread_stacks();
 
 // Lets the calling thread run on this processor only.
@@ -44,8 +44,9 @@ std::optional<Refusal> keep_processors_awake();
 struct RealtimeOptions {
     int priority = 80;
     std::optional<int> cpu;  // none: the scheduler decides
-    std::size_t stack_bytes = 64 * 1024;  // a cycle uses less than a quarter of it (tests/alloc/stack_use.cpp)
-    bool memory = true;                   // false: it has been locked before
+    std::size_t stack_bytes =
+        64 * 1024;       // a cycle uses less than a quarter of it (tests/alloc/stack_use.cpp)
+    bool memory = true;  // false: it has been locked before
 };
 
 // All of the above but the idle states, everything tried; empty when all were granted. Also sets the timer

@@ -6,10 +6,12 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdio>
 #include <string>
 #include <thread>
+#include <vector>
 
 #include "hal/linux/realtime.hpp"
 #include "hal/linux/socketcan_bus.hpp"
@@ -121,6 +123,29 @@ TEST(Realtime, a_locked_process_says_so_in_its_status) {
                         std::fclose(status);
                     }
                     return refused || locked_kib > 100 || !locks_are_real ? 0 : 1;
+                }));
+}
+
+TEST(Realtime, what_is_there_is_locked_whole_and_what_comes_later_as_it_is_touched) {
+    LONGS_EQUAL(0, in_a_child([] {
+                    constexpr std::size_t bytes = 1 << 20;
+                    const auto take = [] {
+                        return static_cast<char*>(::mmap(nullptr, bytes, PROT_READ | PROT_WRITE,
+                                                         MAP_PRIVATE | MAP_ANONYMOUS, -1, 0));
+                    };
+                    const auto resident = [](char* memory) {
+                        std::vector<unsigned char> pages(bytes / 4096);
+                        ::mincore(memory, bytes, pages.data());
+                        return std::count_if(pages.begin(), pages.end(), [](auto page) { return page & 1; });
+                    };
+                    char* const before = take();
+                    if (hal::lock_memory()) {
+                        return 1;
+                    }
+                    char* const after = take();
+                    after[0] = 1;
+                    return !locks_are_real || (resident(before) == bytes / 4096 && resident(after) == 1) ? 0
+                                                                                                         : 2;
                 }));
 }
 
