@@ -413,7 +413,7 @@ class BlackBox(Case):
         self.rig.start_robot()
         folder = self.rig.file("boxes")
         self.rig.start_daemon("--black-box", folder)
-        self.assertLess(self.rig.memory_MB(), 40)
+        self.assertLess(self.rig.memory_MB(), 14)
         stream = self.rig.stream("VelocityCommand", 0.02, **TURN)
         self.addCleanup(self.rig.end_stream, stream)
         self.rig.mode("velocity")
