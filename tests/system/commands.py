@@ -81,7 +81,7 @@ class Commands(unittest.TestCase):
         self.assertRegex(out, "^state torque")
 
     def test_the_firmware_holds_little_memory(self):
-        self.assertLess(self.rig.memory_MB(), 10)  # three stacks of 512 kB would nearly be seen; 8 MB are wanted
+        self.assertLess(self.rig.memory_MB(), 9)  # three stacks of 512 kB would be seen; 8 MB are wanted
 
     def test_bad_frames_are_refused_counted_by_cause_and_change_nothing(self):
         self.rig.mode("torque")  # so that a wrong mode, torque or stop would show
