@@ -16,11 +16,14 @@ constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more tha
 constexpr double kGainBeyondNoise = 2;
 constexpr double kGainShare = 0.6;  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kAveraged = 64;  // spans
+constexpr int kAveraged = 64;            // spans
+constexpr double kBeyondFriction = 1.5;  // a push that friction and a slope it can hold do not turn round
+constexpr double kGainOfPush = 0.25;     // of what the torques alone would give
+constexpr int kAgainstPushCycles = 40;
 
 }  // namespace
 
-EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) {
+EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, bool identifying) {
     constexpr double kUnknownFriction = 0.25;  // of the torque limit, each way
     constexpr double kFrictionMayBeWrong = 1.25;
     constexpr double kBeside = 0.1;  // of the torque limit
@@ -30,13 +33,18 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) 
     constexpr double kCycle_s = 1e-3;
     // The observer follows within some of its time constants.
     const double span_s = 1 / velocity_loop_speed(from, kCycle_s).observer_bandwidth_rad_per_s;
-    const int span_cycles = std::clamp(static_cast<int>(std::lround(span_s / kCycle_s)), 6, 20);
+    constexpr int kGentleSpan_cycles = 15;
+    const int span_cycles = identifying ? kGentleSpan_cycles
+                                        : std::clamp(static_cast<int>(std::lround(span_s / kCycle_s)), 6, 20);
     const double rim_per_Nm =
         2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
     const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
-    return {limit_Nm, std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
-            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(), span_cycles,
-            full_rad_per_s2 * span_cycles * kCycle_s};
+    return {limit_Nm,
+            std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm),
+            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(),
+            span_cycles,
+            full_rad_per_s2 * span_cycles * kCycle_s,
+            identifying ? std::max(dry_Nm, 0.0) * kFrictionMayBeWrong : 0};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -44,7 +52,7 @@ void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
     wheels_[0].angle_rad = angle_rad.left;
     wheels_[1].angle_rad = angle_rad.right;
     instants_known_ = cycles_ = 0;
-    against_cycles_ = {};
+    against_cycles_ = against_push_cycles_ = {};
     mirrored_ = false;
 }
 
@@ -56,6 +64,7 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     const WheelPair<double>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
     expected_rad_per_s_.right += elapsed_s * expected.right;
+    if (settings_.known_friction_Nm > 0) push(elapsed_s, observer.acting_torque_Nm(), plant);
     ++cycles_;
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
     const WheelPair<double> unexplained = observer.unexplained_acceleration();
@@ -73,18 +82,6 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     const bool right_lies = right && hidden(wheels_[1], elapsed_s, torque_Nm.right, holds_Nm.right,
                                             radius_m.right, plant, model_known);
     return left_lies || right_lies;
-}
-
-bool EncoderWatch::update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm) {
-    const bool left = torque_Nm.left != 0 && torque_Nm.right == 0;
-    const bool right = torque_Nm.right != 0 && torque_Nm.left == 0;
-    Wheel& pushed = wheels_[right ? 1 : 0];
-    if ((!left && !right) || (right ? angle_rad.right : angle_rad.left) != pushed.angle_rad) {
-        rest(angle_rad);
-        return false;
-    }
-    return !(std::abs((right ? angle_rad.left : angle_rad.right) - wheels_[right ? 0 : 1].angle_rad) <=
-             kUnseen_rad);
 }
 
 // Whether the angle is the same as before.
@@ -155,7 +152,7 @@ double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double
 }
 
 // Once in each span.
-bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
+bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s, const PlantModel<double>& plant) {
     span_cycles_ = cycles_;
     cycles_ = 0;
     newest_ = (newest_ + 1) % kInstants;
@@ -179,7 +176,8 @@ bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
     const bool turned = lie != Lie::none && lie == turned_round(from, last);
     const bool left = against(0, expected, told);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left});
-    return turned || left || right;
+    const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
+    return turned || left || right || against_pushes;
 }
 
 // Whether a wheel's speed is the mirror image of what torque and inertia have made of it, or the other
@@ -221,6 +219,57 @@ bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
         cycles += span_cycles_;
     }
     return cycles >= kAgainstCycles;
+}
+
+// What the torques alone make of the speeds, in a span.
+void EncoderWatch::push(double elapsed_s, const WheelPair<double>& torque_Nm,
+                        const PlantModel<double>& plant) {
+    const auto& g = plant.geometry;
+    const double forward = plant.dynamics.k7_per_kg_m * torque_Nm.sum();
+    const double turning = plant.dynamics.k8_per_kg_m2 * torque_Nm.difference() * g.track_m / 2;
+    const double least_Nm = std::min(std::abs(torque_Nm.left), std::abs(torque_Nm.right));
+    if (cycles_ == 0) {
+        push_rad_per_s_ = {};
+        push_s_ = 0;
+        least_push_Nm_ = least_Nm;
+    }
+    push_s_ += elapsed_s;
+    push_rad_per_s_.left += elapsed_s * (forward - turning) / g.wheel_radius_m.left;
+    push_rad_per_s_.right += elapsed_s * (forward + turning) / g.wheel_radius_m.right;
+    least_push_Nm_ = std::min(least_push_Nm_, least_Nm);
+}
+
+// Whether torques beyond friction have long made a wheel go their way and the other one go against it, or
+// both against it in turning: then they are exchanged. A slope moves both wheels one way; a body that turns
+// moves them too, if by less than the torques, whichever wheel tells the truth.
+bool EncoderWatch::against_push(const WheelPair<double>& speed_rad_per_s, const WheelPair<double>& told,
+                                const PlantModel<double>& plant) {
+    const WheelPair<double>& push = push_rad_per_s_;
+    const double size = std::min(std::abs(push.left), std::abs(push.right));
+    const auto& g = plant.geometry;
+    const auto turned_by_body = [&](double left_rad_per_s) {
+        const auto rate = model::acceleration(
+            plant.dynamics, model::twist_from_wheel_speeds(g, {left_rad_per_s, speed_rad_per_s.right}),
+            WheelPair<double>{});
+        return push_s_ * (std::abs(rate.v_m_per_s2) + std::abs(rate.omega_rad_per_s2) * g.track_m / 2) /
+               std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
+    };
+    const double body_rad_per_s =
+        std::max(turned_by_body(speed_rad_per_s.left), turned_by_body(-speed_rad_per_s.left));
+    if (least_push_Nm_ < kBeyondFriction * settings_.known_friction_Nm ||
+        size < kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s))
+        return false;  // tells nothing
+    const std::array<double, 2> share{told.left / push.left, told.right / push.right};
+    const bool turning = push.left * push.right < 0;
+    bool lies = false;
+    for (std::size_t i = 0; i < 2; ++i) {
+        int& cycles = against_push_cycles_[i];
+        const double other = turning ? std::abs(share[1 - i]) : share[1 - i];
+        if (share[i] >= kGainOfPush) cycles = 0;
+        if (share[i] <= -kGainOfPush && other >= kGainOfPush) cycles += span_cycles_;
+        lies = lies || cycles >= kAgainstPushCycles;
+    }
+    return lies;
 }
 
 }  // namespace wheelwright::control

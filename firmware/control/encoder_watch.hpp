@@ -7,12 +7,12 @@
 // speed it had, and from the acceleration by the torque beyond what can be held without moving: friction, and
 // a slope's share, which is what accelerated the wheel while it turned, or what held it when it crept to a
 // stop. Nobody holds nearly the whole torque limit. Too much unseen is one and a half steps of the coarsest
-// encoder. Where no model is known yet, it is time; and where one wheel alone is pushed, to find out whether
-// it turns at all, it is the other one's turning so far: a wheel that is held fast moves no robot.
+// encoder. Where no model is known yet, it is time.
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
-// wheel's, is a lie. See mirrored().
+// wheel's, is a lie. See mirrored(). An identification pushes beyond friction on purpose, and gently: there,
+// where friction is known, a wheel that goes against the push while the other one goes with it is enough.
 //
 // One thread; no allocation. update(): about 100 instructions while the wheels turn.
 #pragma once
@@ -35,11 +35,14 @@ struct EncoderWatchSettings {
     double torque_limit_Nm{};
     double held_Nm{};  // friction may hold it without motion
     double creeping_rad_per_s{};
-    int span_cycles{};        // the observer follows within some of these
-    double full_rad_per_s{};  // what full torque on both wheels makes of a wheel's speed in one
+    int span_cycles{};           // the observer follows within some of these
+    double full_rad_per_s{};     // what full torque on both wheels makes of a wheel's speed in one
+    double known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
 };
 
-EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from);
+// `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its
+// torques are gentle, so a gain of speed is looked at for longer.
+EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, bool identifying);
 
 class EncoderWatch {
   public:
@@ -54,13 +57,10 @@ class EncoderWatch {
                 const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
                 const WheelPair<double>& torque_Nm, const PlantModel<double>& plant, bool model_known);
 
-    // Where the cycle has time for it, after update(): about 150 instructions once in a span.
-    void look(const WheelPair<double>& speed_rad_per_s) {
-        if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s);
+    // Where the cycle has time for it, after update(): about 200 instructions once in a span.
+    void look(const WheelPair<double>& speed_rad_per_s, const PlantModel<double>& plant) {
+        if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s, plant);
     }
-
-    // The same where one wheel is pushed alone.
-    bool update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm);
 
   private:
     struct Wheel {
@@ -87,9 +87,14 @@ class EncoderWatch {
     double beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm, double slope_Nm) const;
     bool hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
                 const PlantModel<double>& plant, bool model_known) const;
-    [[gnu::noinline]] bool mirrored(const WheelPair<double>& speed_rad_per_s);
+    [[gnu::noinline]] bool mirrored(const WheelPair<double>& speed_rad_per_s,
+                                    const PlantModel<double>& plant);
     Lie turned_round(const Instant& from, const Instant& to) const;
     bool against(std::size_t wheel, const WheelPair<double>& expected, const WheelPair<double>& told);
+    [[gnu::noinline]] void push(double elapsed_s, const WheelPair<double>& torque_Nm,
+                                const PlantModel<double>& plant);
+    [[gnu::noinline]] bool against_push(const WheelPair<double>& speed_rad_per_s,
+                                        const WheelPair<double>& told, const PlantModel<double>& plant);
 
     EncoderWatchSettings settings_;
     std::array<Wheel, 2> wheels_;
@@ -100,6 +105,11 @@ class EncoderWatch {
     double unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};
+    // In the span: what the torques alone would have made of the speeds, and the least that a wheel had.
+    WheelPair<double> push_rad_per_s_;
+    double push_s_ = 0;
+    double least_push_Nm_ = 0;
+    std::array<int, 2> against_push_cycles_{};
     int span_cycles_ = 0;  // that the last span took
     bool mirrored_ = false;
     int cycles_ = 0;  // since the newest

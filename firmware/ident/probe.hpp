@@ -93,6 +93,7 @@ class Probe {
         if (finished()) return {};
         ++stage_cycles_;
         take(sample);
+        if (wheel_standing() != IdentCause::none) end(wheel_standing());
         switch (stage_) {
             case Stage::rest:
                 torque_ = {};
@@ -134,6 +135,16 @@ class Probe {
                           options_.geometry.wheel_radius_m.right * (std::abs(m.right) + unseen)});
     }
 
+    // A wheel that is pushed stands to the digit, and has since the other one has turned: held fast, or its
+    // encoder is.
+    IdentCause wheel_standing() const {
+        if (std::abs(angle_.right - left_changed_.right) > kTurnedBeside_rad)
+            return IdentCause::left_wheel_does_not_turn;
+        if (std::abs(angle_.left - right_changed_.left) > kTurnedBeside_rad)
+            return IdentCause::right_wheel_does_not_turn;
+        return IdentCause::none;
+    }
+
   private:
     enum class Stage : std::uint8_t { rest, left, right, forward, turning, pulses, pause, done };
 
@@ -152,12 +163,13 @@ class Probe {
     static constexpr double kRoomShare = 0.06;   // of the room, for one push
     static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
     static constexpr double kNoises = 8;         // and of the noise
-    static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
-    static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
-    static constexpr double kUnclipped = 0.97;     // of what was asked
-    static constexpr double kSure = 4;             // standard errors
-    static constexpr double kMostFriction = 0.8;   // of a torque, that pulses still move against
-    static constexpr double kFitShare = 0.9;       // of a pulse; at its end the wheel may stand
+    static constexpr double kTurnedBeside_rad = 0.15;  // one and a half steps of an encoder of 64 to a turn
+    static constexpr double kReportAge_s = 0.004;      // about: lag, bus, and the cycle's own age
+    static constexpr double kSteadyRamp_s = 0.15;      // then the age is a small share of the ramp
+    static constexpr double kUnclipped = 0.97;         // of what was asked
+    static constexpr double kSure = 4;                 // standard errors
+    static constexpr double kMostFriction = 0.8;       // of a torque, that pulses still move against
+    static constexpr double kFitShare = 0.9;           // of a pulse; at its end the wheel may stand
     static constexpr double kShortestFit_s = 0.010;
     static constexpr double kLongestPulse_s = 0.25;
     static constexpr double kPulseShare = 0.8;       // of the speed that may be reached: K7 is rough
@@ -219,6 +231,8 @@ class Probe {
             ++ring_at_;
             angle_ = sample.angle_rad;
             if (ring_at_ == 1) begin_ = angle_;
+            if (torque_.left == 0 || angle_.left != left_changed_.left) left_changed_ = angle_;
+            if (torque_.right == 0 || angle_.right != right_changed_.right) right_changed_ = angle_;
         }
         usable_ = sample.usable;
         report_ = sample.reported_Nm;
@@ -637,6 +651,8 @@ class Probe {
     std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
     Mean noise_power_;
     WheelPair<double> push_begin_;
+    WheelPair<double> left_changed_,
+        right_changed_;  // both angles when this wheel's last changed, or was not pushed
     std::array<Mean, 2> answered_{};
     std::array<std::array<Mean, 2>, 2> slowed_{};  // pushes forward and turning, each wheel
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;

@@ -69,7 +69,7 @@ void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     senses_.configure(parameters_);
-    encoder_watch_.configure(control::encoder_watch_settings(parameters_));
+    encoder_watch_.configure(control::encoder_watch_settings(parameters_, false));
     drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
@@ -88,7 +88,7 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
-    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s);
+    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, control_.plant());
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 
@@ -170,7 +170,7 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
                          supervisor_.ramping(), host_.counter(HostLink::Cause::foreign_control), told});
 }
 
-// The probe, which asks the wheels one by one whether they turn at all, says better why one does not.
+// Of a robot that nobody knows yet, the probe says why a wheel does not turn.
 bool Cycle::encoder_implausible(const Observed& seen) {
     const drivers::DriveFeedback& left = ports_.left.feedback();
     const drivers::DriveFeedback& right = ports_.right.feedback();
@@ -179,9 +179,7 @@ bool Cycle::encoder_implausible(const Observed& seen) {
         encoder_watch_.rest(angle_rad);
         return false;
     }
-    if (identifying() && learning_.run().state() == ident::IdentState::probing) {
-        return encoder_watch_.update_alone(angle_rad, seen.last_torque_Nm);
-    }
+    if (identifying() && learning_.run().state() == ident::IdentState::probing && !may_brake()) return false;
     return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
                                  senses_.observer(), seen.last_torque_Nm, control_.plant(), may_brake());
 }
@@ -246,6 +244,7 @@ void Cycle::enter_mode(const supervisor::Verdict& verdict, const Observed& seen)
     } else {
         forget_late(host_, seen.now_ns, parameters_.safety.stale_command_cycles);
     }
+    encoder_watch_.configure(control::encoder_watch_settings(parameters_, mode.law == Law::excitation));
     control_.enter(mode.law, seen);
     if (mode.law == Law::excitation) {
         learning_.start_identification(parameters_, ident_settings_, seen);

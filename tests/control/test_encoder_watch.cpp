@@ -42,7 +42,7 @@ struct Watched {
 
     explicit Watched(const bench::Truth& of = truth()) : robot(of, 7) {
         observer.configure(wheel_observer_settings<double>(parameters(), 1e-3));
-        watch.configure(encoder_watch_settings(parameters()));
+        watch.configure(encoder_watch_settings(parameters(), false));
         drive({}, 100);
         watch.rest({robot.left.position_rad, robot.right.position_rad});
     }
@@ -59,7 +59,7 @@ struct Watched {
             if (watch.update(1e-3, told, {robot.left.time_ns, robot.right.time_ns}, observer, torque_Nm,
                              model, known))
                 return k;
-            watch.look(observer.motion().wheel_speed_rad_per_s);
+            watch.look(observer.motion().wheel_speed_rad_per_s, model);
         }
         return -1;
     }
@@ -194,25 +194,46 @@ TEST(EncoderWatch, a_still_encoder_of_an_unknown_robot_is_seen_after_80_ms_of_wh
     }
 }
 
-// One wheel of an unknown robot is pushed alone: it does not turn, and the other one does.
-TEST(EncoderWatch, a_wheel_that_is_pushed_alone_stands_and_the_other_one_turns) {
-    const double step_rad = kCoarsestStep_rad;
-    for (const bool right : {false, true}) {
-        EncoderWatch watch;
-        const auto stands = [&](double pushed_rad, double other_rad, bool pushed = true) {
-            const double torque_Nm = pushed ? 1 : 0;
-            return right ? watch.update_alone({other_rad, pushed_rad}, {0, torque_Nm})
-                         : watch.update_alone({pushed_rad, other_rad}, {torque_Nm, 0});
-        };
-        const auto rests = [&] { watch.rest(right ? WheelPair<double>{2, 1} : WheelPair<double>{1, 2}); };
-        rests();
-        CHECK_FALSE(stands(1, 2 + 1.4 * step_rad));
-        CHECK(stands(1, 2 + 1.6 * step_rad));
-        CHECK(stands(1, 2 - 1.6 * step_rad));
-        CHECK_FALSE(stands(1, 2 + 1.6 * step_rad, false));  // nobody pushes it
-        rests();
-        CHECK_FALSE(stands(1.001, 2 + 1.6 * step_rad));  // it turns
-        CHECK_FALSE(stands(1.001, 2 + 2.9 * step_rad));
-        CHECK(stands(1.001, 2 + 3.2 * step_rad));
+// An identification pushes gently, on level floor.
+TEST(EncoderWatch, an_identifications_pushes_show_a_wrong_way_and_exchanged_encoders) {
+    for (const int lie : {0, 1, 2}) {  // left, right, exchanged
+        for (const bool identifying : {false, true}) {
+            Watched w;
+            w.watch.configure(encoder_watch_settings(parameters(), identifying));
+            LONGS_EQUAL(-1, w.drive(pushes(0.2 * kLimit_Nm, lie == 2), 200));
+            LONGS_EQUAL(-1, w.drive(pushes(-0.2 * kLimit_Nm, lie == 2), 200));
+            w.drive({}, 200);
+            if (lie == 2) {
+                w.swap();
+            } else {
+                w.lies(lie == 1, -1);
+            }
+            const int seen = w.drive(pushes(0.2 * kLimit_Nm, lie == 2), 150);
+            CHECK_TEXT(identifying ? seen > 0 && seen <= 130 : seen == -1, std::to_string(seen).c_str());
+        }
     }
+}
+
+// Nor does a push say anything where friction is not known.
+TEST(EncoderWatch, a_body_that_turns_and_an_unknown_friction_are_no_wrong_way) {
+    bench::Truth ahead = truth();
+    ahead.k5 = 0.16;
+    model::RobotParameters p = parameters();
+    p.dynamics.k5_m = ahead.k5;
+    p.dynamics.k6_per_m = ahead.k6();
+    Watched turning(ahead);
+    turning.model = plant_model<double>(p);
+    turning.observer.configure(wheel_observer_settings<double>(p, 1e-3));
+    turning.watch.configure(encoder_watch_settings(p, true));
+    for (const double way : {1.0, -1.0}) {
+        LONGS_EQUAL(-1, turning.drive(pushes(0.3 * way * kLimit_Nm, true), 400));
+        CHECK_TEXT(std::abs(turning.robot.omega) > 4, std::to_string(turning.robot.omega).c_str());
+        LONGS_EQUAL(-1, turning.drive(pushes(-0.125 * kLimit_Nm, false), 200));
+        LONGS_EQUAL(-1, turning.drive({}, 1500));
+    }
+    bench::set_coulomb(p, 0, 0);
+    Watched unknown;
+    unknown.watch.configure(encoder_watch_settings(p, true));
+    unknown.lies(true, -1);
+    LONGS_EQUAL(-1, unknown.drive(pushes(0.2 * kLimit_Nm, false), 150));
 }

@@ -2,11 +2,14 @@
 // robots`.
 #include <CppUTest/TestHarness.h>
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
+#include <random>
 
 #include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/parabola.hpp"
+#include "firmware/ident/probe.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/ident/torque_reports.hpp"
@@ -233,4 +236,48 @@ TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
     ident::SizingRequest narrow = request();
     narrow.distance_limit_m = 0.002;
     CHECK(ident::size_identification(narrow, found()).obstacle == IdentCause::no_room);
+}
+
+namespace {
+
+// Probes two carts of 12 kg that friction of 0.4 Nm rubs, and freezes an encoder in a stage's push.
+IdentCause probed(int frozen, double from_Nm) {
+    ident::ProbeOptions options;
+    options.geometry = {{kRadius_m, kRadius_m}, kTrack_m};
+    options.sample_time_s = 1e-3;
+    options.torque_limit_Nm = 5;
+    options.speed_limit_m_per_s = 1.5;
+    options.yaw_rate_limit_rad_per_s = 4;
+    options.distance_limit_m = 2;
+    ident::Probe probe;
+    probe.start(options);
+    std::array<double, 2> angle_rad{}, speed_rad_per_s{}, torque_Nm{}, told_rad{};
+    bool is_frozen = false;
+    std::mt19937_64 random(5);
+    std::uniform_real_distribution<double> noise(-2e-4, 2e-4);
+    for (int k = 0; k < 60'000 && !probe.finished(); ++k) {
+        for (std::size_t i = 0; i < 2; ++i) {
+            const double rubs_Nm = 0.4;
+            double pushed_Nm = torque_Nm[i] - std::copysign(rubs_Nm, speed_rad_per_s[i]);
+            if (speed_rad_per_s[i] == 0)
+                pushed_Nm = torque_Nm[i] - std::clamp(torque_Nm[i], -rubs_Nm, rubs_Nm);
+            const double next = speed_rad_per_s[i] + 1e-3 * pushed_Nm / (12 * kRadius_m * kRadius_m);
+            speed_rad_per_s[i] = next * speed_rad_per_s[i] < 0 ? 0 : next;
+            angle_rad[i] += 1e-3 * speed_rad_per_s[i];
+            const bool lies = is_frozen && static_cast<int>(i) == frozen;
+            if (!lies) told_rad[i] = angle_rad[i] + noise(random);
+        }
+        const WheelPair<double> wanted = probe.step({{told_rad[0], told_rad[1]}, true, {}, {}, false, {}});
+        torque_Nm = {wanted.left, wanted.right};
+        is_frozen = is_frozen || std::min(std::abs(torque_Nm[0]), std::abs(torque_Nm[1])) >= from_Nm;
+    }
+    return probe.findings().fault;
+}
+
+}  // namespace
+
+TEST(ProbeParts, a_wheel_that_stands_to_the_digit_while_the_other_one_turns_is_named) {
+    CHECK(probed(-1, 0.6) == IdentCause::none);
+    CHECK(probed(0, 0.6) == IdentCause::left_wheel_does_not_turn);
+    CHECK(probed(1, 0.6) == IdentCause::right_wheel_does_not_turn);
 }
