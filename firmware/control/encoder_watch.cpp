@@ -48,17 +48,17 @@ void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
     mirrored_ = false;
 }
 
-bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
-                          const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
-                          const WheelPair<double>& torque_Nm, const PlantModel<double>& plant,
+bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
+                          const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
+                          const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant,
                           bool model_known) {
-    const WheelPair<double>& speed = observer.motion().wheel_speed_rad_per_s;
-    const WheelPair<double>& expected = observer.expected_acceleration();
+    const WheelPair<Real>& speed = observer.motion().wheel_speed_rad_per_s;
+    const WheelPair<Real>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
     expected_rad_per_s_.right += elapsed_s * expected.right;
     ++cycles_;
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
-    const WheelPair<double> unexplained = observer.unexplained_acceleration();
+    const WheelPair<Real> unexplained = observer.unexplained_acceleration();
     const bool left =
         still(wheels_[0], angle_rad.left, told_ns[0], speed.left, unexplained.left, torque_Nm.left);
     const bool right =
@@ -67,7 +67,7 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     const auto& radius_m = plant.geometry.wheel_radius_m;
     // A body that turns pulls at its wheels: that alone may hold one against full torque.
     const auto holds_Nm = model_known ? model::inverse_dynamics(plant.dynamics, observer.motion().twist, {})
-                                      : WheelPair<double>{};
+                                      : WheelPair<Real>{};
     const bool left_lies = left && hidden(wheels_[0], elapsed_s, torque_Nm.left, holds_Nm.left, radius_m.left,
                                           plant, model_known);
     const bool right_lies = right && hidden(wheels_[1], elapsed_s, torque_Nm.right, holds_Nm.right,
@@ -75,7 +75,7 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     return left_lies || right_lies;
 }
 
-bool EncoderWatch::update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm) {
+bool EncoderWatch::update_alone(const WheelPair<double>& angle_rad, const WheelPair<Real>& torque_Nm) {
     const bool left = torque_Nm.left != 0 && torque_Nm.right == 0;
     const bool right = torque_Nm.right != 0 && torque_Nm.left == 0;
     Wheel& pushed = wheels_[right ? 1 : 0];
@@ -114,7 +114,7 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, d
 
 // Whether a wheel whose angle stands still has gone too far unseen.
 bool EncoderWatch::hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
-                          const PlantModel<double>& plant, bool model_known) const {
+                          const PlantModel<Real>& plant, bool model_known) const {
     if (!model_known) {
         const double beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
         wheel.pushed_cycles = beyond_Nm != 0 ? wheel.pushed_cycles + 1 : 0;
@@ -155,7 +155,7 @@ double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double
 }
 
 // Once in each span.
-bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
+bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s) {
     span_cycles_ = cycles_;
     cycles_ = 0;
     newest_ = (newest_ + 1) % kInstants;
@@ -164,9 +164,9 @@ bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s) {
     if (instants_known_ <= kSpans) return false;
     const Instant& now = instants_[newest_];
     const Instant& last = instants_[(newest_ - 1) % kInstants];
-    const WheelPair<double> expected{now.expected_rad_per_s.left - last.expected_rad_per_s.left,
+    const WheelPair<Real> expected{now.expected_rad_per_s.left - last.expected_rad_per_s.left,
                                      now.expected_rad_per_s.right - last.expected_rad_per_s.right};
-    const WheelPair<double> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
+    const WheelPair<Real> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
                                  now.speed_rad_per_s.right - last.speed_rad_per_s.right};
     // By the wheel that is more as expected, as the other one may lie.
     const double unexpected =
@@ -192,7 +192,7 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
         from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const double right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
-    const WheelPair<double>& told = to.speed_rad_per_s;
+    const WheelPair<Real>& told = to.speed_rad_per_s;
     const auto is = [](double a, double b, double speed) { return std::abs(a - b) <= kLikeness * speed; };
     const double left_size = std::abs(left);
     const double right_size = std::abs(right);
@@ -208,8 +208,8 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other
 // one does what is expected. `expected`, `told`: this wheel's gain in the last span first.
-bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
-                           const WheelPair<double>& told) {
+bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected,
+                           const WheelPair<Real>& told) {
     const double size = std::abs(expected.left);
     int& cycles = against_cycles_[wheel];
     if (size < std::max(kGainShare * settings_.full_rad_per_s, kGainBeyondNoise * unexpected_rad_per_s_))

@@ -50,17 +50,17 @@ class EncoderWatch {
 
     // A cycle in which torques were sent. `angle_rad` as the drives told them last, `told_ns` when.
     // `model_known`: the plant's K7 and K8 are no guess. True: an encoder is not to be believed.
-    bool update(double elapsed_s, const WheelPair<double>& angle_rad,
-                const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
-                const WheelPair<double>& torque_Nm, const PlantModel<double>& plant, bool model_known);
+    bool update(Real elapsed_s, const WheelPair<double>& angle_rad,
+                const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
+                const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known);
 
     // Where the cycle has time for it, after update(): about 150 instructions once in a span.
-    void look(const WheelPair<double>& speed_rad_per_s) {
+    void look(const WheelPair<Real>& speed_rad_per_s) {
         if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s);
     }
 
     // The same where one wheel is pushed alone.
-    bool update_alone(const WheelPair<double>& angle_rad, const WheelPair<double>& torque_Nm);
+    bool update_alone(const WheelPair<double>& angle_rad, const WheelPair<Real>& torque_Nm);
 
   private:
     struct Wheel {
@@ -76,8 +76,8 @@ class EncoderWatch {
         int history_age = 0;
     };
     struct Instant {
-        WheelPair<double> speed_rad_per_s;
-        WheelPair<double> expected_rad_per_s;  // gained by the model since the watch began
+        WheelPair<Real> speed_rad_per_s;
+        WheelPair<Real> expected_rad_per_s;  // gained by the model since the watch began
     };
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
@@ -86,14 +86,14 @@ class EncoderWatch {
                       double unexplained_rad_per_s2, double torque_Nm);
     double beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm, double slope_Nm) const;
     bool hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
-                const PlantModel<double>& plant, bool model_known) const;
-    [[gnu::noinline]] bool mirrored(const WheelPair<double>& speed_rad_per_s);
+                const PlantModel<Real>& plant, bool model_known) const;
+    [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s);
     Lie turned_round(const Instant& from, const Instant& to) const;
-    bool against(std::size_t wheel, const WheelPair<double>& expected, const WheelPair<double>& told);
+    bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told);
 
     EncoderWatchSettings settings_;
     std::array<Wheel, 2> wheels_;
-    WheelPair<double> expected_rad_per_s_;
+    WheelPair<Real> expected_rad_per_s_;
     std::array<Instant, kInstants> instants_;
     std::size_t newest_ = 0;
     int instants_known_ = 0;

@@ -173,6 +173,15 @@ template <typename Real>
 struct EffectSet {
     std::array<bool, kEffectCount> active{};
     std::array<Parameters<Real>, kEffectCount> parameter{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator EffectSet<Other>() const {
+        EffectSet<Other> other{active, {}};
+        for (std::size_t i = 0; i < kEffectCount; ++i) {
+            for (std::size_t j = 0; j < kMaxEffectParameters; ++j) other.parameter[i][j] = Other(parameter[i][j]);
+        }
+        return other;
+    }
 };
 
 // Half of the relative gain mismatch that a file lists: c of torque_gain_mismatch.hpp.

@@ -2,7 +2,8 @@
 //
 // Body frame: x forward, y left, z up, origin at the middle of the wheel axle. Angles and rates are positive
 // counter-clockwise. A positive wheel torque or wheel speed drives the robot forward, on either wheel.
-// All types are plain aggregates: no invariants, no allocation, trivially copyable.
+// All types are plain aggregates: no invariants, no allocation, trivially copyable. Each becomes the same in other
+// numbers, by itself where nothing is lost.
 #pragma once
 
 #include <cmath>
@@ -10,12 +11,23 @@
 
 namespace wheelwright {
 
+// What a cycle computes in: double, and on a machine that has no other numbers in hardware float.
+#ifdef WHEELWRIGHT_REAL
+using Real = WHEELWRIGHT_REAL;
+#else
+using Real = double;
+#endif
+
 // One value per wheel.
 template <typename Real>
 struct WheelPair {
     Real left{};
     Real right{};
 
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator WheelPair<Other>() const {
+        return {Other(left), Other(right)};
+    }
     constexpr Real sum() const { return right + left; }         // drives the robot forward
     constexpr Real difference() const { return right - left; }  // turns the robot counter-clockwise
 };
@@ -25,6 +37,11 @@ template <typename Real>
 struct Twist {
     Real v_m_per_s{};
     Real omega_rad_per_s{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator Twist<Other>() const {
+        return {Other(v_m_per_s), Other(omega_rad_per_s)};
+    }
 };
 
 // Acceleration of the robot: time derivative of Twist.
@@ -40,6 +57,11 @@ struct Pose {
     Real x_m{};
     Real y_m{};
     Real heading_rad{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator Pose<Other>() const {
+        return {Other(x_m), Other(y_m), Other(heading_rad)};
+    }
 };
 
 // Wraps an angle to (-pi, pi]. Not finite in, not finite out.

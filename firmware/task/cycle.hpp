@@ -89,8 +89,8 @@ class Cycle {
     const supervisor::Supervisor& supervisor() const { return supervisor_; }
     const MotionControl& control() const { return control_; }
     const Learning& learning() const { return learning_; }
-    const control::Odometry<double>& odometry() const { return senses_.odometry(); }
-    const control::WheelObserver<double>& observer() const { return senses_.observer(); }
+    const control::Odometry<Real>& odometry() const { return senses_.odometry(); }
+    const control::WheelObserver<Real>& observer() const { return senses_.observer(); }
     const supervisor::Conditions& conditions() const { return conditions_; }
 
     // Between cycles: all that cycle, drives and live parameters remember, which is all that the next cycle

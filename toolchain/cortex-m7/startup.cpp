@@ -1,4 +1,5 @@
 // From reset to run() on a bare Cortex-M7: FPU on, .data copied, .bss cleared, constructors run.
+#include <cstddef>
 #include <cstdint>
 
 extern "C" {
@@ -40,6 +41,11 @@ void reset() {
 }
 
 void fault() { leave(125); }
+
+// Virtual destructors and abstract classes refer to these, and nobody calls them: there is no heap.
+void operator delete(void*) noexcept { fault(); }
+void operator delete(void*, std::size_t) noexcept { fault(); }
+extern "C" void __cxa_pure_virtual() { fault(); }
 
 namespace {
 

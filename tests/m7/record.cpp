@@ -1,0 +1,146 @@
+// record FILE: a drive of the simulated robot, as recording.hpp says: identification, every law, a model that
+// adapts to a payload, a stop line, a dead drive. The robot starts at rest at its encoders' origin, so that the
+// excitation's seed, which is drawn from the last digits of the angles, is the same in float and in double.
+#include <cstdio>
+#include <fstream>
+#include <memory>
+#include <utility>
+#include <vector>
+
+#include "tests/m7/recording.hpp"
+#include "tools/sim/cycle_rig.hpp"
+#include "tools/sim/experiments.hpp"
+
+namespace {
+
+using namespace wheelwright;
+using protocol::Mode;
+
+class Recorder final : public tools::FrontBus {
+  public:
+    hal::CanStatus send(const hal::CanFrame& frame) override {
+        sent.note(frame);
+        return FrontBus::send(frame);
+    }
+    hal::CanStatus receive(hal::ReceivedFrame& out) override {
+        const hal::CanStatus status = FrontBus::receive(out);
+        if (status == hal::CanStatus::ok) {
+            m7::Frame& frame = received.emplace_back();
+            frame.time_ns = out.timestamp_ns;
+            frame.id = out.frame.id;
+            frame.length = out.frame.length;
+            for (std::size_t i = 0; i < frame.length; ++i) frame.data[i] = out.frame.data[i];
+        }
+        return status;
+    }
+    m7::Sent sent;
+    std::vector<m7::Frame> received;
+};
+
+class Drive {
+  public:
+    explicit Drive(const char* file) : file_(file, std::ios::binary) {
+        const tools::ExampleRobots robots = tools::example_robots(false);
+        tools::RigOptions options;
+        options.world = robots.world;
+        options.digital_lines = true;
+        options.front = &bus_;
+        rig_ = std::make_unique<tools::CycleRig>(robots.controller, robots.truth, options);
+        put(beginning_);
+        put(rig_->parameters());
+    }
+
+    tools::CycleRig& rig() { return *rig_; }
+    tools::SimulatedHost& host() { return rig_->host(); }
+    const supervisor::Supervisor& supervisor() { return rig_->cycle().supervisor(); }
+
+    void run(int cycles) {
+        for (int i = 0; i < cycles; ++i) step();
+    }
+    void enter(Mode mode, int cycles) {
+        host().mode(mode);
+        for (int i = 0; i < 500 && !(supervisor().mode() == mode && supervisor().may_drive()); ++i) step();
+        run(cycles);
+    }
+    void recover() {
+        host().clear_fault();
+        run(200);
+        host().mode(Mode::idle);
+        run(100);
+    }
+    // True: written.
+    bool end() {
+        file_.seekp(0);
+        put(beginning_);
+        return file_.good();
+    }
+
+    void step() {
+        bus_.received.clear();
+        bus_.sent = {};
+        m7::Told told;
+        rig_->wake();
+        told.time = rig_->time();
+        told.stop_line = rig_->stop_line().read();
+        rig_->think();
+        rig_->wait_for_sending();
+        told.sending_ns = told.time.scheduled_ns + rig_->cycle().send_phase_ns();
+        rig_->send();
+        told.received = static_cast<std::uint32_t>(bus_.received.size());
+        put(told);
+        put(m7::outcome_of(rig_->cycle(), bus_.sent.torque_Nm(), bus_.sent.ids()));
+        for (const m7::Frame& frame : bus_.received) put(frame);
+        ++beginning_.cycles;
+    }
+
+  private:
+    template <typename T>
+    void put(const T& value) {
+        file_.write(reinterpret_cast<const char*>(&value), sizeof(value));
+    }
+
+    std::ofstream file_;
+    m7::Beginning beginning_;
+    Recorder bus_;
+    std::unique_ptr<tools::CycleRig> rig_;
+};
+
+void drive(Drive& d) {
+    tools::SimulatedHost& host = d.host();
+    d.run(200);
+    protocol::IdentSettings settings;
+    settings.duration_s = 16;  // short: what it must find is what the record says
+    host.ident(settings);
+    d.enter(Mode::ident, 0);
+    for (int i = 0; i < 60'000 && d.supervisor().mode() == Mode::ident; ++i) d.step();
+    d.run(600);  // the loops are designed
+
+    host.torque({0.8, 1.1});
+    d.enter(Mode::torque, 300);
+    host.velocity({0.4, 0.7});
+    d.enter(Mode::velocity, 600);
+    host.velocity({9, -20});
+    d.run(400);
+    host.goal({0.4, 0.2, 1.0}, protocol::PoseDirection::automatic);
+    d.enter(Mode::pose, 2000);
+    host.silence();
+    d.enter(Mode::adaptive, 4000);
+    tools::drop_payload(d.rig().world(), 0.3);
+    d.run(3000);
+    d.rig().stop_line().set(hal::LineLevel::active);
+    d.run(600);
+    d.rig().stop_line().set(hal::LineLevel::inactive);
+    d.recover();
+    d.enter(Mode::trajectory, 1000);
+    d.rig().world().left().raise_error(0x40);
+    d.run(600);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    if (argc != 2) return 1;
+    Drive d(argv[1]);
+    drive(d);
+    return d.end() ? 0 : 2;
+}
