@@ -1,6 +1,7 @@
 // record FILE: a drive of the simulated robot, as recording.hpp says: identification, every law, a model that
-// adapts to a payload, a stop line, a dead drive. The robot starts at rest at its encoders' origin, so that the
-// excitation's seed, which is drawn from the last digits of the angles, is the same in float and in double.
+// adapts to a payload, a stop line, a drive's error. Until identification begins the encoders tell their origin
+// without noise: the excitation's seed is drawn from the last digits of the observer's angles, which in float
+// would be others.
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -19,12 +20,15 @@ using protocol::Mode;
 class Recorder final : public tools::FrontBus {
   public:
     hal::CanStatus send(const hal::CanFrame& frame) override {
-        sent.note(frame);
+        m7::mix(sent, frame);
         return FrontBus::send(frame);
     }
     hal::CanStatus receive(hal::ReceivedFrame& out) override {
         const hal::CanStatus status = FrontBus::receive(out);
         if (status == hal::CanStatus::ok) {
+            constexpr std::uint32_t kEncoderEstimates = 0x09;
+            if (still && out.frame.id < 0x600 && (out.frame.id & 0x1FU) == kEncoderEstimates)
+                out.frame.data = {};
             m7::Frame& frame = received.emplace_back();
             frame.time_ns = out.timestamp_ns;
             frame.id = out.frame.id;
@@ -33,7 +37,8 @@ class Recorder final : public tools::FrontBus {
         }
         return status;
     }
-    m7::Sent sent;
+    bool still = true;
+    std::uint32_t sent = 0;
     std::vector<m7::Frame> received;
 };
 
@@ -54,6 +59,7 @@ class Drive {
     tools::SimulatedHost& host() { return rig_->host(); }
     const supervisor::Supervisor& supervisor() { return rig_->cycle().supervisor(); }
 
+    void move() { bus_.still = false; }
     void run(int cycles) {
         for (int i = 0; i < cycles; ++i) step();
     }
@@ -77,18 +83,21 @@ class Drive {
 
     void step() {
         bus_.received.clear();
-        bus_.sent = {};
         m7::Told told;
         rig_->wake();
         told.time = rig_->time();
         told.stop_line = rig_->stop_line().read();
         rig_->think();
+        m7::Outcome outcome = m7::outcome_of(rig_->cycle());
+        bus_.sent = outcome.sent;
         rig_->wait_for_sending();
         told.sending_ns = told.time.scheduled_ns + rig_->cycle().send_phase_ns();
         rig_->send();
+        outcome.sent = bus_.sent;
+        outcome.state = task::CycleState::of(supervisor());
         told.received = static_cast<std::uint32_t>(bus_.received.size());
         put(told);
-        put(m7::outcome_of(rig_->cycle(), bus_.sent.torque_Nm(), bus_.sent.ids()));
+        put(outcome);
         for (const m7::Frame& frame : bus_.received) put(frame);
         ++beginning_.cycles;
     }
@@ -112,6 +121,7 @@ void drive(Drive& d) {
     settings.duration_s = 16;  // short: what it must find is what the record says
     host.ident(settings);
     d.enter(Mode::ident, 0);
+    d.move();
     for (int i = 0; i < 60'000 && d.supervisor().mode() == Mode::ident; ++i) d.step();
     d.run(600);  // the loops are designed
 

@@ -35,11 +35,11 @@ struct Told {
 };
 
 struct Outcome {
-    WheelPair<double> torque_Nm;  // as the drives' frames carry it
+    WheelPair<double> torque_Nm;
     Twist<double> twist;
     Pose<double> pose;
     double k7_per_kg_m = 0, k8_per_kg_m2 = 0;  // the controllers' model
-    std::uint32_t sent = 0;                    // identifiers of the frames sent, mixed
+    std::uint32_t sent = 0x811C9DC5;                    // identifiers of the frames sent, mixed: FNV-1a
     task::CycleState state;
 };
 
@@ -47,33 +47,18 @@ static_assert(std::is_trivially_copyable_v<model::RobotParameters> && sizeof(Beg
               sizeof(model::RobotParameters) % 8 == 0 && sizeof(Frame) == 24 && sizeof(Told) == 48 &&
               sizeof(Outcome) == 88);
 
-// Of a cycle that has run.
-inline Outcome outcome_of(const task::Cycle& cycle, const WheelPair<double>& torque_Nm, std::uint32_t sent) {
+// Of a cycle that has thought and not yet sent, but for what it sends and its state.
+inline Outcome outcome_of(const task::Cycle& cycle) {
     const auto& k = cycle.control().plant().dynamics;
-    return {torque_Nm,     cycle.observer().motion().twist, cycle.odometry().pose(),
-            k.k7_per_kg_m, k.k8_per_kg_m2,                  sent,
-            task::CycleState::of(cycle.supervisor())};
+    Outcome outcome;
+    outcome.torque_Nm = cycle.output().torque_Nm;
+    outcome.twist = cycle.observer().motion().twist;
+    outcome.pose = cycle.odometry().pose();
+    outcome.k7_per_kg_m = k.k7_per_kg_m;
+    outcome.k8_per_kg_m2 = k.k8_per_kg_m2;
+    return outcome;
 }
 
-// What a cycle sends.
-class Sent {
-  public:
-    void note(const hal::CanFrame& frame) {
-        ids_ = (ids_ ^ frame.id) * 0x01000193;  // FNV-1a
-        if (frame.id >= kHostFrames || (frame.id & 0x1FU) != kSetInputTorque) return;
-        float torque_Nm = 0;
-        __builtin_memcpy(&torque_Nm, frame.data.data(), sizeof(torque_Nm));
-        (torque_frames_++ == 0 ? torque_Nm_.left : torque_Nm_.right) = torque_Nm;
-    }
-    std::uint32_t ids() const { return ids_; }
-    const WheelPair<double>& torque_Nm() const { return torque_Nm_; }  // at the motors; zero: none was sent
-
-  private:
-    static constexpr std::uint32_t kSetInputTorque = 0x0E;  // CANSimple
-    static constexpr std::uint32_t kHostFrames = 0x600;     // and telemetry
-    std::uint32_t ids_ = 0x811C9DC5;
-    int torque_frames_ = 0;
-    WheelPair<double> torque_Nm_;
-};
+inline void mix(std::uint32_t& ids, const hal::CanFrame& frame) { ids = (ids ^ frame.id) * 0x01000193; }
 
 }  // namespace wheelwright::m7

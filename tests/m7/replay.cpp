@@ -70,10 +70,10 @@ class RecordedBus final : public hal::CanBus {
     void begin(const std::byte* frames, std::uint32_t count) {
         next_ = frames;
         left_ = count;
-        sent = {};
+        sent = m7::Outcome{}.sent;
     }
     hal::CanStatus send(const hal::CanFrame& frame) override {
-        sent.note(frame);
+        m7::mix(sent, frame);
         return hal::CanStatus::ok;
     }
     bool waits(std::uint32_t) const override { return false; }
@@ -91,7 +91,7 @@ class RecordedBus final : public hal::CanBus {
     bool set_filters(std::span<const hal::CanFilter>) override { return true; }
     hal::CanStatistics statistics() const override { return {}; }
 
-    m7::Sent sent;
+    std::uint32_t sent = 0;
 
   private:
     const std::byte* next_ = nullptr;
@@ -144,9 +144,9 @@ constexpr std::array kQuantities{
 };
 using Differences = std::array<double, kQuantities.size()>;
 
-Differences differences(const m7::Outcome& a, const m7::Outcome& b, double motor_limit_Nm) {
+Differences differences(const m7::Outcome& a, const m7::Outcome& b, double limit_Nm) {
     const auto pair = [](double x, double y) { return std::max(std::abs(x), std::abs(y)); };
-    return {pair(a.torque_Nm.left - b.torque_Nm.left, a.torque_Nm.right - b.torque_Nm.right) / motor_limit_Nm,
+    return {pair(a.torque_Nm.left - b.torque_Nm.left, a.torque_Nm.right - b.torque_Nm.right) / limit_Nm,
             std::abs(a.twist.v_m_per_s - b.twist.v_m_per_s),
             std::abs(a.twist.omega_rad_per_s - b.twist.omega_rad_per_s),
             pair(a.pose.x_m - b.pose.x_m, a.pose.y_m - b.pose.y_m),
@@ -223,7 +223,6 @@ int run() {
     if (left == nullptr || right == nullptr) return 2;
     const task::CyclePorts ports{bus, nullptr, *left, *right, &stop, &enable_room.make()};
     task::Cycle& cycle = cycle_room.make(parameters, mailbox_room.make(), ports);
-    const double motor_limit_Nm = parameters.limits.torque_Nm / parameters.drive.left.gear_ratio;
 
     start_counting();
     paint_stack();
@@ -235,17 +234,20 @@ int run() {
         stop.level = told.stop_line;
         const std::uint32_t start = ticks();
         cycle.think(told.time);
+        const std::uint32_t thought = instructions_since(start);
+        const m7::Outcome outcome = m7::outcome_of(cycle);
+        cycle.pretend_output(WheelPair<Real>(recorded.torque_Nm));
+        const std::uint32_t sending = ticks();
         cycle.send(told.sending_ns);
-        const std::uint32_t spent = instructions_since(start);
+        const std::uint32_t spent = thought + instructions_since(sending);
 
         Part& part = parts[std::size_t(recorded.state.mode)];
         ++part.cycles;
         part.instructions += spent;
         part.most = std::max(part.most, spent);
-        const m7::Outcome outcome = m7::outcome_of(cycle, bus.sent.torque_Nm(), bus.sent.ids());
-        part.other_state += outcome.state != recorded.state;
-        part.other_frames += outcome.sent != recorded.sent;
-        const Differences now = differences(outcome, recorded, motor_limit_Nm);
+        part.other_state += task::CycleState::of(cycle.supervisor()) != recorded.state;
+        part.other_frames += bus.sent != recorded.sent;
+        const Differences now = differences(outcome, recorded, parameters.limits.torque_Nm);
         for (std::size_t q = 0; q < now.size(); ++q) part.worst[q] = std::max(part.worst[q], now[q]);
         const auto* const next = reinterpret_cast<const m7::Outcome*>(at + sizeof(m7::Told));
         if (i + 1 == beginning.cycles || next->state.mode != recorded.state.mode) {
