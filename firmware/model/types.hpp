@@ -11,11 +11,14 @@
 
 namespace wheelwright {
 
-// What a cycle computes in: double, and on a machine that has no other numbers in hardware float.
-#ifdef WHEELWRIGHT_REAL
-using Real = WHEELWRIGHT_REAL;
+// What a cycle computes in, and whether the words for people are there: a bare target has float alone in
+// hardware, and nobody to read.
+#ifdef WHEELWRIGHT_BARE
+using Real = float;
+inline constexpr bool kHasWords = false;
 #else
 using Real = double;
+inline constexpr bool kHasWords = true;
 #endif
 
 // One value per wheel.
