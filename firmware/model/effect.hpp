@@ -47,9 +47,12 @@
 
 namespace wheelwright::model {
 
-// A text for people, empty where there is nobody to read it (kHasWords).
-struct Words : std::string_view {
-    consteval Words(const char* text = "") : std::string_view(kHasWords ? text : "") {}
+// A text for people. A bare target has nobody to read it, and does not carry it.
+struct NoText {
+    constexpr NoText(const char*) {}
+};
+struct Words : std::conditional_t<kBare, NoText, std::string_view> {
+    consteval Words(const char* text = "") : std::conditional_t<kBare, NoText, std::string_view>(text) {}
 };
 
 struct EffectParameterInfo {

@@ -68,8 +68,8 @@ using Catalogue = std::tuple<ViscousFriction,      //
 inline constexpr std::size_t kEffectCount = std::tuple_size_v<Catalogue>;
 
 // Those at the catalogue's beginning that many robots have: where no other is active, the cycle's functions
-// need not look at the rest (their parameter kUpTo).
-inline constexpr std::size_t kCommonEffects = 7;
+// need not look at the rest (their parameter kUpTo). A bare target has no room for two of each.
+inline constexpr std::size_t kCommonEffects = kBare ? kEffectCount : 7;
 
 // The kinds of effect.hpp.
 template <typename Effect>

@@ -8,18 +8,19 @@
 
 #include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 namespace wheelwright {
 
-// What a cycle computes in, and whether the words for people are there: a bare target has float alone in
-// hardware, and nobody to read.
+// A bare target: a processor that has only float in hardware, and little memory.
 #ifdef WHEELWRIGHT_BARE
-using Real = float;
-inline constexpr bool kHasWords = false;
+inline constexpr bool kBare = true;
 #else
-using Real = double;
-inline constexpr bool kHasWords = true;
+inline constexpr bool kBare = false;
 #endif
+
+// What a cycle computes in.
+using Real = std::conditional_t<kBare, float, double>;
 
 // One value per wheel.
 template <typename Real>
