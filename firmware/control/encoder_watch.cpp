@@ -3,18 +3,18 @@
 namespace wheelwright::control {
 namespace {
 
-constexpr double kUnseen_rad = 1.5 * kCoarsestStep_rad;
-constexpr double kBrakesShare = 1.5;  // of what the torque brakes by, with friction
+constexpr Real kUnseen_rad = Real(1.5 * kCoarsestStep_rad);
+constexpr Real kBrakesShare = Real(1.5);  // of what the torque brakes by, with friction
 constexpr int kHistoryCycles = 16;
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
 constexpr int kSpans = 4;          // over which a speed is looked at
-constexpr double kLikeness = 0.5;  // so far from what it should be, or from its mirror image, as a share
-constexpr double kBeyondCreeping = 3;
-constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more than noise
-constexpr double kGainBeyondNoise = 2;
-constexpr double kGainShare = 0.6;  // of what full torque makes of a speed in a span: no slope does
+constexpr Real kLikeness = Real(0.5);  // so far from what it should be, or from its mirror image, as a share
+constexpr Real kBeyondCreeping = Real(3);
+constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more than noise
+constexpr Real kGainBeyondNoise = Real(2);
+constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
 constexpr int kAveraged = 64;  // spans
 
@@ -34,9 +34,9 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) 
     const double rim_per_Nm =
         2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
     const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
-    return {limit_Nm, std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm),
-            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(), span_cycles,
-            full_rad_per_s2 * span_cycles * kCycle_s};
+    const double held_Nm = std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm);
+    return {Real(limit_Nm), Real(held_Nm), Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
+            span_cycles, Real(full_rad_per_s2 * span_cycles * kCycle_s)};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -88,8 +88,8 @@ bool EncoderWatch::update_alone(const WheelPair<double>& angle_rad, const WheelP
 }
 
 // Whether the angle is the same as before.
-bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, double speed_rad_per_s,
-                         double unexplained_rad_per_s2, double torque_Nm) {
+bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
+                         Real unexplained_rad_per_s2, Real torque_Nm) {
     if (angle_rad == wheel.angle_rad) {
         wheel.frames += told_ns != wheel.told_ns;
         wheel.told_ns = told_ns;
@@ -113,22 +113,22 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, d
 }
 
 // Whether a wheel whose angle stands still has gone too far unseen.
-bool EncoderWatch::hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
+bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
                           const PlantModel<Real>& plant, bool model_known) const {
     if (!model_known) {
-        const double beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
+        const Real beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
         wheel.pushed_cycles = beyond_Nm != 0 ? wheel.pushed_cycles + 1 : 0;
         return wheel.pushed_cycles >= kPushedCycles;
     }
-    const double forward = plant.dynamics.k7_per_kg_m / radius_m;
-    const double turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
+    const Real forward = plant.dynamics.k7_per_kg_m / radius_m;
+    const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
     if (wheel.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
-        const double brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
-                              elapsed_s * (kHistoryCycles + wheel.history_age);
-        wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, 0.0);
+        const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
+                              elapsed_s * Real(kHistoryCycles + wheel.history_age);
+        wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, Real(0));
         if (wheel.speed_before < 0) wheel.speed = -wheel.speed;
     }
-    const double beyond_Nm =
+    const Real beyond_Nm =
         beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.unexplained_before / (2 * forward));
     if (beyond_Nm != 0) {
         wheel.speed += beyond_Nm * (forward + turning) * elapsed_s;
@@ -140,14 +140,14 @@ bool EncoderWatch::hidden(Wheel& wheel, double elapsed_s, double torque_Nm, doub
 }
 
 // What of a torque must turn the wheel.
-double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm,
-                                    double slope_Nm) const {
-    double least = std::min(0.0, holds_Nm);
-    double most = std::max(0.0, holds_Nm);
+Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm,
+                                    Real slope_Nm) const {
+    Real least = std::min(Real(0), holds_Nm);
+    Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
         const bool crept = std::max(std::abs(wheel.speed_before), std::abs(wheel.speed_lately)) <=
                            settings_.creeping_rad_per_s;
-        const double held_Nm = crept ? wheel.torque_Nm : 0;
+        const Real held_Nm = crept ? wheel.torque_Nm : 0;
         least = std::min({least, slope_Nm, held_Nm});
         most = std::max({most, slope_Nm, held_Nm});
     }
@@ -169,10 +169,10 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s) {
     const WheelPair<Real> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
                                  now.speed_rad_per_s.right - last.speed_rad_per_s.right};
     // By the wheel that is more as expected, as the other one may lie.
-    const double unexpected =
+    const Real unexpected =
         std::min(std::abs(told.left - expected.left), std::abs(told.right - expected.right));
     spans_averaged_ = std::min(spans_averaged_ + 1, kAveraged);
-    unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / spans_averaged_;
+    unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / Real(spans_averaged_);
 
     const Instant& from = instants_[(newest_ - kSpans) % kInstants];
     const Lie lie = turned_round(from, now);
@@ -186,21 +186,21 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s) {
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const double least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
+    const Real least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
                                    kBeyondCreeping * settings_.creeping_rad_per_s});
-    const double left =
+    const Real left =
         from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
-    const double right =
+    const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
     const WheelPair<Real>& told = to.speed_rad_per_s;
-    const auto is = [](double a, double b, double speed) { return std::abs(a - b) <= kLikeness * speed; };
-    const double left_size = std::abs(left);
-    const double right_size = std::abs(right);
+    const auto is = [](Real a, Real b, Real speed) { return std::abs(a - b) <= kLikeness * speed; };
+    const Real left_size = std::abs(left);
+    const Real right_size = std::abs(right);
     if (left_size >= least && is(told.left, -left, left_size) && is(told.right, right, left_size))
         return Lie::left;
     if (right_size >= least && is(told.right, -right, right_size) && is(told.left, left, right_size))
         return Lie::right;
-    const double apart = std::abs(left - right);
+    const Real apart = std::abs(left - right);
     if (apart >= 2 * least && is(told.left, right, apart / 2) && is(told.right, left, apart / 2))
         return Lie::swapped;
     return Lie::none;
@@ -210,7 +210,7 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 // one does what is expected. `expected`, `told`: this wheel's gain in the last span first.
 bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected,
                            const WheelPair<Real>& told) {
-    const double size = std::abs(expected.left);
+    const Real size = std::abs(expected.left);
     int& cycles = against_cycles_[wheel];
     if (size < std::max(kGainShare * settings_.full_rad_per_s, kGainBeyondNoise * unexpected_rad_per_s_))
         return false;  // tells nothing

@@ -29,14 +29,14 @@
 
 namespace wheelwright::control {
 
-inline constexpr double kNearlyAllTorque = 0.75;  // of the torque limit
+inline constexpr Real kNearlyAllTorque = Real(0.75);  // of the torque limit
 
 struct EncoderWatchSettings {
-    double torque_limit_Nm{};
-    double held_Nm{};  // friction may hold it without motion
-    double creeping_rad_per_s{};
+    Real torque_limit_Nm{};
+    Real held_Nm{};  // friction may hold it without motion
+    Real creeping_rad_per_s{};
     int span_cycles{};        // the observer follows within some of these
-    double full_rad_per_s{};  // what full torque on both wheels makes of a wheel's speed in one
+    Real full_rad_per_s{};  // what full torque on both wheels makes of a wheel's speed in one
 };
 
 EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from);
@@ -65,14 +65,14 @@ class EncoderWatch {
   private:
     struct Wheel {
         double angle_rad = 0;  // and the torque at its last change
-        double torque_Nm = 0;
-        double speed = 0;  // unseen, since then
-        double unseen_rad = 0;
+        Real torque_Nm = 0;
+        Real speed = 0;  // unseen, since then
+        Real unseen_rad = 0;
         std::int64_t told_ns = 0;
         int frames = -1;  // since then, with the same angle
         int pushed_cycles = 0;
-        double speed_before = 0, speed_lately = 0;  // 16 to 32 cycles ago, and up to 16
-        double unexplained_before = 0, unexplained_lately = 0;
+        Real speed_before = 0, speed_lately = 0;  // 16 to 32 cycles ago, and up to 16
+        Real unexplained_before = 0, unexplained_lately = 0;
         int history_age = 0;
     };
     struct Instant {
@@ -82,10 +82,10 @@ class EncoderWatch {
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, double speed_rad_per_s,
-                      double unexplained_rad_per_s2, double torque_Nm);
-    double beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm, double slope_Nm) const;
-    bool hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
+    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
+                      Real unexplained_rad_per_s2, Real torque_Nm);
+    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const;
+    bool hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
                 const PlantModel<Real>& plant, bool model_known) const;
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s);
     Lie turned_round(const Instant& from, const Instant& to) const;
@@ -97,7 +97,7 @@ class EncoderWatch {
     std::array<Instant, kInstants> instants_;
     std::size_t newest_ = 0;
     int instants_known_ = 0;
-    double unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
+    Real unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};
     int span_cycles_ = 0;  // that the last span took
