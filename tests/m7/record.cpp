@@ -1,7 +1,7 @@
-// record FILE: a drive of the simulated robot, as recording.hpp says: identification, every law, a model that
+// record FILE [another]: a drive of the simulated robot, as recording.hpp says: identification, every law, a model that
 // adapts to a payload, a stop line, a drive's error. Until identification begins the encoders tell their origin
 // without noise: the excitation's seed is drawn from the last digits of the observer's angles, which in float
-// would be others.
+// would be others. `another`: says of the robot that its track is longer by a thousandth.
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -44,7 +44,7 @@ class Recorder final : public tools::FrontBus {
 
 class Drive {
   public:
-    explicit Drive(const char* file) : file_(file, std::ios::binary) {
+    Drive(const char* file, double track_factor) : file_(file, std::ios::binary) {
         const tools::ExampleRobots robots = tools::example_robots(false);
         tools::RigOptions options;
         options.world = robots.world;
@@ -52,7 +52,9 @@ class Drive {
         options.front = &bus_;
         rig_ = std::make_unique<tools::CycleRig>(robots.controller, robots.truth, options);
         put(beginning_);
-        put(rig_->parameters());
+        model::RobotParameters told = rig_->parameters();
+        told.geometry.track_m *= track_factor;
+        put(told);
     }
 
     tools::CycleRig& rig() { return *rig_; }
@@ -149,8 +151,8 @@ void drive(Drive& d) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    if (argc != 2) return 1;
-    Drive d(argv[1]);
+    if (argc < 2) return 1;
+    Drive d(argv[1], argc > 2 ? 1.001 : 1);
     drive(d);
     return d.end() ? 0 : 2;
 }

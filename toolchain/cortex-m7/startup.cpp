@@ -17,6 +17,7 @@ int run();                            // the program; ISO C++ lets nobody call m
 [[noreturn]] void leave(int status);  // the board's way out; see semihosting.cpp
 [[noreturn]] void reset();
 [[noreturn]] void fault();
+[[gnu::weak]] void systick();  // where a program has one
 }
 
 namespace {
@@ -41,6 +42,7 @@ void reset() {
 }
 
 void fault() { leave(125); }
+void systick() { fault(); }
 
 // Virtual destructors and abstract classes refer to these, and nobody calls them: there is no heap.
 void operator delete(void*) noexcept { fault(); }
@@ -53,13 +55,13 @@ using Handler = void (*)();
 struct Vectors {
     std::uint32_t* initial_stack;
     Handler reset;
-    Handler exceptions[14];  // NMI, faults, SVCall, PendSV, SysTick: none is expected
+    Handler exceptions[14];  // NMI, faults, SVCall, PendSV: none is expected; SysTick
 };
 
 [[gnu::section(".vectors"), gnu::used]] const Vectors vectors = {
     &stack_top,
     reset,
-    {fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault},
+    {fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, systick},
 };
 
 }  // namespace
