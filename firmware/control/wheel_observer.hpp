@@ -164,6 +164,12 @@ class WheelObserver {
         return {wheels_[0].taken.time_ns, wheels_[1].taken.time_ns};
     }
 
+    // Their angles, in which a drive's new origin has no part.
+    WheelPair<double> taken_rad() const {
+        return {wheels_[0].samples[wheels_[0].newest].position,
+                wheels_[1].samples[wheels_[1].newest].position};
+    }
+
     // Both wheels' samples are refused, again and again, at one time: no drive's new origin does that.
     bool both_leap() const { return wheels_[0].refused_alike > 1 && wheels_[1].refused_alike > 1; }
 

@@ -68,10 +68,12 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     c.watchdog_confirmed = !either(&DriveSight::refusal, ArmRefusal::watchdog_not_confirmed);
     c.control_mode_confirmed = !either(&DriveSight::refusal, ArmRefusal::mode_not_confirmed);
 
-    // Written so that what is no number counts as dangerous.
     const model::Motion<Real>& motion = evidence.seen.motion;
-    c.over_speed = !(std::abs(motion.twist.v_m_per_s) <= safety.over_speed_m_per_s &&
-                     std::abs(motion.twist.omega_rad_per_s) <= safety.over_yaw_rate_rad_per_s);
+    if (evidence.seen.encoder_speed != nullptr) {
+        encoders_over_speed_ = encoders_over_speed(*evidence.seen.encoder_speed);
+    }
+    // Written so that what is no number counts as dangerous.
+    c.over_speed = beyond_speed_limits(motion.twist, 0) || encoders_over_speed_;
     const auto rims_within = [&radius = evidence.wheel_radius_m](const WheelPair<Real>& speed_rad_per_s,
                                                                  double limit_m_per_s) {
         return std::abs(radius.left * speed_rad_per_s.left) <= limit_m_per_s &&
@@ -96,6 +98,21 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     c.model_trusted = effects_measured_ && e.k7_per_kg_m > 0 && e.k8_per_kg_m2 > 0 &&
                       e.k7_per_kg_m <= trust * k.k7_per_kg_m && e.k8_per_kg_m2 <= trust * k.k8_per_kg_m2;
     return c;
+}
+
+bool Judge::beyond_speed_limits(const Twist<double>& twist, double by_m_per_s) const {
+    const auto& safety = parameters_.safety;
+    const double by_rad_per_s = 2 * by_m_per_s / parameters_.geometry.track_m;
+    return !(std::abs(twist.v_m_per_s) <= safety.over_speed_m_per_s + by_m_per_s &&
+             std::abs(twist.omega_rad_per_s) <= safety.over_yaw_rate_rad_per_s + by_rad_per_s);
+}
+
+// The observer knows it first; with a wild model it may never. A step of a coarse encoder is in doubt.
+bool Judge::encoders_over_speed(const control::EncoderSpeed& encoders) const {
+    const auto& geometry = parameters_.geometry;
+    return encoders.known() &&
+           beyond_speed_limits(model::twist_from_wheel_speeds(geometry, encoders.rad_per_s()),
+                               control::EncoderSpeed::kDoubt_rad_per_s * geometry.mean_radius_m());
 }
 
 }  // namespace wheelwright::task

@@ -64,11 +64,15 @@ class Judge {
     std::span<std::byte> memory() { return hal::plain_memory(effects_measured_, *this); }
 
   private:
+    bool beyond_speed_limits(const Twist<double>& twist, double by_m_per_s) const;
+    bool encoders_over_speed(const control::EncoderSpeed& encoders) const;
+
     const model::RobotParameters& parameters_;
     bool effects_measured_ = false;
     std::uint32_t foreign_control_ = 0;
     std::uint32_t stale_feedback_cycles_ = 0;
     WheelPair<Real> slow_wheels_;  // speeds, averaged
+    bool encoders_over_speed_ = false;
     int resting_cycles_ = 0;
 };
 

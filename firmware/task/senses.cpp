@@ -33,6 +33,10 @@ Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plan
     seen.angles_known = observer_.angles_at(told.now_ns - sample_age_ns_, sampled_rad_) && told.in_a_row;
     seen.sample.angle_rad = sampled_rad_;
     seen.encoder_taken_ns = observer_.taken_ns();
+    if (encoder_speed_.step()) {
+        encoder_speed_.look(observer_.taken_rad(), seen.encoder_taken_ns);
+        seen.encoder_speed = &encoder_speed_;
+    }
     seen.slipping = slip_.slipping(told.now_ns);
     seen.sample.usable = seen.angles_known && !seen.slipping;
     seen.sample.heading_rad = seen.pose.heading_rad;

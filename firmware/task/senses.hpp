@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "drivers/motor_drive.hpp"
+#include "firmware/control/encoder_speed.hpp"
 #include "firmware/control/odometry.hpp"
 #include "firmware/control/wheel_observer.hpp"
 #include "firmware/ident/regression_filter.hpp"
@@ -37,6 +38,7 @@ struct Observed {
     ident::IdentSample<Real> sample;
     bool angles_known = false;
     std::array<std::int64_t, 2> encoder_taken_ns{};  // receive times of the newest samples that were believed
+    const control::EncoderSpeed* encoder_speed = nullptr;  // that is of this cycle
     bool slipping = false;
     const Pose<Real>* external_pose = nullptr;
 };
@@ -59,6 +61,7 @@ class Senses {
 
   private:
     control::WheelObserver<Real> observer_;
+    control::EncoderSpeed encoder_speed_;
     control::Odometry<Real> odometry_;
     SlipWatch slip_;
     double slip_limit_rad_per_s_ = 0;

@@ -38,10 +38,14 @@ struct Scene {
         seen.now_ns += kCycle_ns;
         if (feedback_comes) left.encoder_time_ns = right.encoder_time_ns = seen.now_ns;
         if (feedback_comes && believed) seen.encoder_taken_ns = {seen.now_ns, seen.now_ns};
+        if (encoder_speed.step()) encoder_speed.look(encoder_rad, seen.encoder_taken_ns);
+        seen.encoder_speed = &encoder_speed;
         return judge_.judge(
             {seen, left, right, parameters.geometry.wheel_radius_m, wants_armed, braking, 0, told});
     }
     bool feedback_comes = true, believed = true;
+    control::EncoderSpeed encoder_speed;
+    WheelPair<double> encoder_rad;
 };
 
 }  // namespace
@@ -336,6 +340,35 @@ TEST(CycleSteps, judge_allows_just_the_limits_of_speed_and_yaw_rate_either_way) 
         CHECK(scene.judge().over_speed);
         scene.seen.motion.twist = {0, 1.001 * way * safety.over_yaw_rate_rad_per_s};
         CHECK(scene.judge().over_speed);
+    }
+}
+
+TEST(CycleSteps, judge_believes_encoders_that_go_too_fast_where_the_observer_does_not) {
+    for (const double way : {1.0, -1.0}) {
+        for (const bool turns : {false, true}) {
+            Scene scene;
+            const auto& safety = scene.parameters.safety;
+            const auto& radius_m = scene.parameters.geometry.wheel_radius_m;
+            const double rim_m_per_s =
+                way * (turns ? safety.over_yaw_rate_rad_per_s * scene.parameters.geometry.track_m / 2
+                             : safety.over_speed_m_per_s);
+            const auto goes_on = [&](double share, int cycles) {
+                bool tripped = false;
+                for (int i = 0; i < cycles; ++i) {
+                    scene.encoder_rad.left +=
+                        kCyclePeriod_s * share * (turns ? -rim_m_per_s : rim_m_per_s) / radius_m.left;
+                    scene.encoder_rad.right += kCyclePeriod_s * share * rim_m_per_s / radius_m.right;
+                    tripped = scene.judge().over_speed || tripped;
+                }
+                return tripped;
+            };
+            CHECK_FALSE(goes_on(0.99, 1000));
+            CHECK(goes_on(1.5, 50));
+            goes_on(0, 50);
+            CHECK_FALSE(scene.judge().over_speed);
+            scene.encoder_rad.left = kNaN;
+            CHECK(goes_on(0, 10));
+        }
     }
 }
 
