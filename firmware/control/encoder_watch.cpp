@@ -9,7 +9,7 @@ constexpr int kHistoryCycles = 16;
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
-constexpr int kSpans = 4;          // over which a speed is looked at
+constexpr int kSpans = 4;              // over which a speed is looked at
 constexpr Real kLikeness = Real(0.5);  // so far from what it should be, or from its mirror image, as a share
 constexpr Real kBeyondCreeping = Real(3);
 constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more than noise
@@ -35,8 +35,9 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from) 
         2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
     const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
     const double held_Nm = std::min(2 * friction_Nm + kBeside * limit_Nm, kNearlyAllTorque * limit_Nm);
-    return {Real(limit_Nm), Real(held_Nm), Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
-            span_cycles, Real(full_rad_per_s2 * span_cycles * kCycle_s)};
+    return {Real(limit_Nm), Real(held_Nm),
+            Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()), span_cycles,
+            Real(full_rad_per_s2 * span_cycles * kCycle_s)};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -50,8 +51,7 @@ void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
 
 bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
                           const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
-                          const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant,
-                          bool model_known) {
+                          const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known) {
     const WheelPair<Real>& speed = observer.motion().wheel_speed_rad_per_s;
     const WheelPair<Real>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
@@ -124,7 +124,7 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real hol
     const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
     if (wheel.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
         const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
-                              elapsed_s * Real(kHistoryCycles + wheel.history_age);
+                            elapsed_s * Real(kHistoryCycles + wheel.history_age);
         wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, Real(0));
         if (wheel.speed_before < 0) wheel.speed = -wheel.speed;
     }
@@ -140,8 +140,7 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real hol
 }
 
 // What of a torque must turn the wheel.
-Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm,
-                                    Real slope_Nm) const {
+Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const {
     Real least = std::min(Real(0), holds_Nm);
     Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
@@ -165,9 +164,9 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s) {
     const Instant& now = instants_[newest_];
     const Instant& last = instants_[(newest_ - 1) % kInstants];
     const WheelPair<Real> expected{now.expected_rad_per_s.left - last.expected_rad_per_s.left,
-                                     now.expected_rad_per_s.right - last.expected_rad_per_s.right};
+                                   now.expected_rad_per_s.right - last.expected_rad_per_s.right};
     const WheelPair<Real> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
-                                 now.speed_rad_per_s.right - last.speed_rad_per_s.right};
+                               now.speed_rad_per_s.right - last.speed_rad_per_s.right};
     // By the wheel that is more as expected, as the other one may lie.
     const Real unexpected =
         std::min(std::abs(told.left - expected.left), std::abs(told.right - expected.right));
@@ -187,9 +186,8 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s) {
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
     const Real least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
-                                   kBeyondCreeping * settings_.creeping_rad_per_s});
-    const Real left =
-        from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
+                                 kBeyondCreeping * settings_.creeping_rad_per_s});
+    const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
     const WheelPair<Real>& told = to.speed_rad_per_s;
@@ -208,8 +206,7 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other
 // one does what is expected. `expected`, `told`: this wheel's gain in the last span first.
-bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected,
-                           const WheelPair<Real>& told) {
+bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told) {
     const Real size = std::abs(expected.left);
     int& cycles = against_cycles_[wheel];
     if (size < std::max(kGainShare * settings_.full_rad_per_s, kGainBeyondNoise * unexpected_rad_per_s_))

@@ -35,7 +35,7 @@ struct EncoderWatchSettings {
     Real torque_limit_Nm{};
     Real held_Nm{};  // friction may hold it without motion
     Real creeping_rad_per_s{};
-    int span_cycles{};        // the observer follows within some of these
+    int span_cycles{};      // the observer follows within some of these
     Real full_rad_per_s{};  // what full torque on both wheels makes of a wheel's speed in one
 };
 

@@ -471,8 +471,7 @@ class Probe {
         const Mean& straight = slowed_[0][wheel];
         const Mean& turning = slowed_[1][wheel];
         const double forward = wheel == 0 ? -1 : 1;  // the left one turns backwards in the pushes that turn
-        return {straight.mean(), forward * turning.mean(),
-                kSure * joint(straight.error(), turning.error())};
+        return {straight.mean(), forward * turning.mean(), kSure * joint(straight.error(), turning.error())};
     }
     // Pushes that moved nothing, or nothing that stands out.
     bool judge_answers() {

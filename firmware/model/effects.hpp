@@ -178,7 +178,8 @@ struct EffectSet {
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator EffectSet<Other>() const {
         EffectSet<Other> other{active, {}};
         for (std::size_t i = 0; i < kEffectCount; ++i) {
-            for (std::size_t j = 0; j < kMaxEffectParameters; ++j) other.parameter[i][j] = Other(parameter[i][j]);
+            for (std::size_t j = 0; j < kMaxEffectParameters; ++j)
+                other.parameter[i][j] = Other(parameter[i][j]);
         }
         return other;
     }

@@ -114,9 +114,9 @@ enum class ChangeWhen : std::uint8_t {
 };
 
 struct ParameterInfo {
-    std::uint16_t index;    // on CAN; stable for ever
-    std::string_view key;   // dotted path in the robot file
-    Words unit;             // "" for none
+    std::uint16_t index;   // on CAN; stable for ever
+    std::string_view key;  // dotted path in the robot file
+    Words unit;            // "" for none
     ParameterKind kind;
     double standard;          // default
     double minimum, maximum;  // beside these, 0 where automatic()

@@ -2,8 +2,8 @@
 //
 // Body frame: x forward, y left, z up, origin at the middle of the wheel axle. Angles and rates are positive
 // counter-clockwise. A positive wheel torque or wheel speed drives the robot forward, on either wheel.
-// All types are plain aggregates: no invariants, no allocation, trivially copyable. Each becomes the same in other
-// numbers, by itself where nothing is lost.
+// All types are plain aggregates: no invariants, no allocation, trivially copyable. Each becomes the same in
+// other numbers, by itself where nothing is lost.
 #pragma once
 
 #include <cmath>

@@ -122,7 +122,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
 }
 
 WheelPair<Real> Learning::identify(const Observed& seen,
-                                     const std::array<const drivers::DriveFeedback*, 2>& feedback) {
+                                   const std::array<const drivers::DriveFeedback*, 2>& feedback) {
     ident::ProbeSample senses;
     senses.angle_rad = seen.sample.angle_rad;
     senses.usable = seen.angles_known;  // swapped wheels look like slip; the probe tells them apart
@@ -156,8 +156,8 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
         service.record(model::effect_index(effect, 0), std::clamp(value, info.minimum, info.maximum));
     };
     const ident::Asymmetry found = run_.asymmetry();
-    model::Dynamics<double> k =
-        ident::told_apart<double>(run_.estimate().dynamics, found.mismatch, found.offset_m, live.geometry.track_m);
+    model::Dynamics<double> k = ident::told_apart<double>(run_.estimate().dynamics, found.mismatch,
+                                                          found.offset_m, live.geometry.track_m);
     // The run took the torque that the file's mismatch lets arrive, so it has found what is to be added.
     const double listed = model::listed_mismatch(live.effects);
     const double beside = 1 + listed * found.mismatch;

@@ -25,7 +25,7 @@ class Learning {
                               const protocol::IdentSettings& settings, const Observed& now);
     // The excitation's torque. `feedback`: of both drives, left and right.
     WheelPair<Real> identify(const Observed& seen,
-                               const std::array<const drivers::DriveFeedback*, 2>& feedback);
+                             const std::array<const drivers::DriveFeedback*, 2>& feedback);
     bool identification_finished() const { return run_.finished(); }
     // K7 and K8 are known. K5 and K6 too: identification().coupling_known().
     bool identification_succeeded() const { return run_.state() == ident::IdentState::done; }

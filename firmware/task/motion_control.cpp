@@ -55,9 +55,9 @@ void MotionControl::configure(const model::RobotParameters& parameters) {
     use_gains();
 }
 
-void MotionControl::use_gains() { 
+void MotionControl::use_gains() {
     loop_.configure({gains_, Real(parameters_.limits.torque_Nm), Real(kCyclePeriod_s)});
- }
+}
 
 void MotionControl::finish_design() {
     for (int i = 0;
@@ -83,8 +83,7 @@ void MotionControl::step_design() {
     }
 }
 
-void MotionControl::change_model(const model::Dynamics<Real>& dynamics,
-                                 const model::EffectSet<Real>& effects,
+void MotionControl::change_model(const model::Dynamics<Real>& dynamics, const model::EffectSet<Real>& effects,
                                  const model::Motion<Real>& measured) {
     loop_.change_model(plant_, measured, [&](control::PlantModel<Real>& plant) {
         plant.dynamics = dynamics;
@@ -161,8 +160,9 @@ MotionOutput MotionControl::open_loop(const WheelPair<Real>& wanted_Nm) const {
 
 MotionOutput MotionControl::follow(const Observed& now, const Twist<Real>& wanted) {
     MotionOutput out;
-    const Twist<Real> scaled = control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
-                                                      Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
+    const Twist<Real> scaled =
+        control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
+                               Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
     control::VelocityReference<Real> reference;
     reference.twist = limiter_.step(scaled, now.elapsed_s, out.limits);
     loops_drive_ = true;
@@ -187,7 +187,8 @@ MotionOutput MotionControl::track(const Observed& now, const HostLink& host, boo
             if (pace_.running()) return follow(now, limiter_.now());
             begin_path(now);
         }
-        point = control::path_point(path_, Real(1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_)));
+        point =
+            control::path_point(path_, Real(1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_)));
     }
     auto command = tracker_.update(point, now.pose, now.elapsed_s);
     if (dither) dither_.step(command.reference);

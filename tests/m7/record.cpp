@@ -1,7 +1,7 @@
-// record FILE [another]: a drive of the simulated robot, as recording.hpp says: identification, every law, a model that
-// adapts to a payload, a stop line, a drive's error. Until identification begins the encoders tell their origin
-// without noise: the excitation's seed is drawn from the last digits of the observer's angles, which in float
-// would be others. `another`: says of the robot that its track is longer by a thousandth.
+// record FILE [another]: a drive of the simulated robot, as recording.hpp says: identification, every law, a
+// model that adapts to a payload, a stop line, a drive's error. Until identification begins the encoders tell
+// their origin without noise: the excitation's seed is drawn from the last digits of the observer's angles,
+// which in float would be others. `another`: says of the robot that its track is longer by a thousandth.
 #include <cstdio>
 #include <fstream>
 #include <memory>

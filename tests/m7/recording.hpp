@@ -39,7 +39,7 @@ struct Outcome {
     Twist<double> twist;
     Pose<double> pose;
     double k7_per_kg_m = 0, k8_per_kg_m2 = 0;  // the controllers' model
-    std::uint32_t sent = 0x811C9DC5;                    // identifiers of the frames sent, mixed: FNV-1a
+    std::uint32_t sent = 0x811C9DC5;           // identifiers of the frames sent, mixed: FNV-1a
     task::CycleState state;
 };
 

@@ -1,8 +1,10 @@
 // Runs on a bare Cortex-M7 (or QEMU's mps2-an500): the firmware's cycle in float does again what a host has
-// recorded of it in double (recording.hpp), and is compared with it in every cycle. The record is where QEMU's
-// loader puts it. Also prints what the cycle needs of the machine: memory, worst stack, and instructions, which
-// `-icount 10` makes countable: SysTick counts at 25 MHz, and each instruction takes 2^10 ns. Where the word at
-// kProfileSwitch is not zero, it says instead where the instructions are spent: SysTick interrupts some of them.
+// recorded of it in double (recording.hpp), and is compared with it in every cycle. The record is where
+// QEMU's loader puts it. Also prints what the cycle needs of the machine: memory, worst stack, and
+// instructions, which
+// `-icount 10` makes countable: SysTick counts at 25 MHz, and each instruction takes 2^10 ns. Where the word
+// at kProfileSwitch is not zero, it says instead where the instructions are spent: SysTick interrupts some of
+// them.
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -33,7 +35,7 @@ volatile std::uint32_t& timer(unsigned number) {
 constexpr std::uint32_t kSampled = 997;  // of so many instructions one
 void start_counting() {
     timer(1) = kProfileSwitch ? kSampled * 256 / 10 : 0xFFFFFF;  // reload value
-    timer(0) = kProfileSwitch ? 7 : 5;                           // processor clock; with interrupts, or without
+    timer(0) = kProfileSwitch ? 7 : 5;  // processor clock; with interrupts, or without
 }
 std::uint32_t ticks() { return timer(2); }  // counts down
 // At most 650'000 can be told.
@@ -146,10 +148,10 @@ struct Quantity {
     double tolerance;
 };
 // Each is two to three times what was found over 30 s, and far below what can be measured. A velocity loop's
-// integral, which in a replay nothing brings back, adds up the rounding of speeds: 1000 cycles of 6e-8 of 1 m/s
-// at the loop's gain make a thousandth of the torque.
+// integral, which in a replay nothing brings back, adds up the rounding of speeds: 1000 cycles of 6e-8 of 1
+// m/s at the loop's gain make a thousandth of the torque.
 constexpr std::array kQuantities{
-    Quantity{"torque / limit", 1e-3}, Quantity{"v, m/s", 1e-6},     Quantity{"omega, rad/s", 1e-5},
+    Quantity{"torque / limit", 1e-3}, Quantity{"v, m/s", 1e-6},       Quantity{"omega, rad/s", 1e-5},
     Quantity{"position, m", 5e-6},    Quantity{"heading, rad", 5e-5}, Quantity{"K7 and K8, relative", 1e-5},
 };
 using Differences = std::array<double, kQuantities.size()>;
