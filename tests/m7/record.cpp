@@ -140,8 +140,12 @@ void drive(Drive& d) {
     tools::drop_payload(d.rig().world(), 0.3);
     d.run(3000);
     d.rig().stop_line().set(hal::LineLevel::active);
-    d.run(600);
+    d.run(20);
     d.rig().stop_line().set(hal::LineLevel::inactive);
+    for (int i = 0; i < 60; ++i) {  // cleared as soon as it stands
+        host.clear_fault();
+        d.run(10);
+    }
     d.recover();
     d.enter(Mode::trajectory, 1000);
     d.rig().world().left().raise_error(0x40);
