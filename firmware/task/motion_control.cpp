@@ -33,7 +33,8 @@ MotionOutput guarded(const MotionOutput& wanted, double torque_limit_Nm) {
     output.finite = std::isfinite(torque.left) && std::isfinite(torque.right);
     if (!output.finite) torque = {};
     const Real limit = Real(torque_limit_Nm);
-    torque = {std::clamp(torque.left, -limit, limit), std::clamp(torque.right, -limit, limit)};
+    torque.left = std::clamp(torque.left, -limit, limit);
+    torque.right = std::clamp(torque.right, -limit, limit);
     return output;
 }
 
