@@ -3,22 +3,22 @@
 namespace wheelwright::control {
 namespace {
 
-constexpr double kUnseen_rad = 1.5 * kCoarsestStep_rad;
-constexpr double kBrakesShare = 1.5;  // of what the torque brakes by, with friction
+constexpr Real kUnseen_rad = Real(1.5 * kCoarsestStep_rad);
+constexpr Real kBrakesShare = Real(1.5);  // of what the torque brakes by, with friction
 constexpr int kHistoryCycles = 16;
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
-constexpr int kSpans = 4;          // over which a speed is looked at
-constexpr double kLikeness = 0.5;  // so far from what it should be, or from its mirror image, as a share
-constexpr double kBeyondCreeping = 3;
-constexpr double kBeyondNoise = 5;  // mean deviations: a speed that is more than noise
-constexpr double kGainBeyondNoise = 2;
-constexpr double kGainShare = 0.6;  // of what full torque makes of a speed in a span: no slope does
+constexpr int kSpans = 4;              // over which a speed is looked at
+constexpr Real kLikeness = Real(0.5);  // so far from what it should be, or from its mirror image, as a share
+constexpr Real kBeyondCreeping = Real(3);
+constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more than noise
+constexpr Real kGainBeyondNoise = Real(2);
+constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kAveraged = 64;            // spans
-constexpr double kBeyondFriction = 1.5;  // a push that friction and a slope it can hold do not turn round
-constexpr double kGainOfPush = 0.25;     // of what the torques alone would give
+constexpr int kAveraged = 64;                // spans
+constexpr Real kBeyondFriction = Real(1.5);  // a push that friction and a slope it can hold do not turn round
+constexpr Real kGainOfPush = Real(0.25);     // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
 
 }  // namespace
@@ -39,12 +39,14 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     const double rim_per_Nm =
         2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
     const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
-    return {limit_Nm,
-            std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm),
-            from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m(),
+    const double held_Nm =
+        std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
+    return {Real(limit_Nm),
+            Real(held_Nm),
+            Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
-            full_rad_per_s2 * span_cycles * kCycle_s,
-            identifying ? std::max(dry_Nm, 0.0) * kFrictionMayBeWrong : 0};
+            Real(full_rad_per_s2 * span_cycles * kCycle_s),
+            Real(identifying ? std::max(dry_Nm, 0.0) * kFrictionMayBeWrong : 0)};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -56,18 +58,17 @@ void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
     mirrored_ = false;
 }
 
-bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
-                          const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
-                          const WheelPair<double>& torque_Nm, const PlantModel<double>& plant,
-                          bool model_known) {
-    const WheelPair<double>& speed = observer.motion().wheel_speed_rad_per_s;
-    const WheelPair<double>& expected = observer.expected_acceleration();
+bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
+                          const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
+                          const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known) {
+    const WheelPair<Real>& speed = observer.motion().wheel_speed_rad_per_s;
+    const WheelPair<Real>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
     expected_rad_per_s_.right += elapsed_s * expected.right;
     if (settings_.known_friction_Nm > 0) push(elapsed_s, observer.acting_torque_Nm(), plant);
     ++cycles_;
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
-    const WheelPair<double> unexplained = observer.unexplained_acceleration();
+    const WheelPair<Real> unexplained = observer.unexplained_acceleration();
     const bool left =
         still(wheels_[0], angle_rad.left, told_ns[0], speed.left, unexplained.left, torque_Nm.left);
     const bool right =
@@ -76,7 +77,7 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
     const auto& radius_m = plant.geometry.wheel_radius_m;
     // A body that turns pulls at its wheels: that alone may hold one against full torque.
     const auto holds_Nm = model_known ? model::inverse_dynamics(plant.dynamics, observer.motion().twist, {})
-                                      : WheelPair<double>{};
+                                      : WheelPair<Real>{};
     const bool left_lies = left && hidden(wheels_[0], elapsed_s, torque_Nm.left, holds_Nm.left, radius_m.left,
                                           plant, model_known);
     const bool right_lies = right && hidden(wheels_[1], elapsed_s, torque_Nm.right, holds_Nm.right,
@@ -85,8 +86,8 @@ bool EncoderWatch::update(double elapsed_s, const WheelPair<double>& angle_rad,
 }
 
 // Whether the angle is the same as before.
-bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, double speed_rad_per_s,
-                         double unexplained_rad_per_s2, double torque_Nm) {
+bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
+                         Real unexplained_rad_per_s2, Real torque_Nm) {
     if (angle_rad == wheel.angle_rad) {
         wheel.frames += told_ns != wheel.told_ns;
         wheel.told_ns = told_ns;
@@ -110,22 +111,22 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, d
 }
 
 // Whether a wheel whose angle stands still has gone too far unseen.
-bool EncoderWatch::hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
-                          const PlantModel<double>& plant, bool model_known) const {
+bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
+                          const PlantModel<Real>& plant, bool model_known) const {
     if (!model_known) {
-        const double beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
+        const Real beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
         wheel.pushed_cycles = beyond_Nm != 0 ? wheel.pushed_cycles + 1 : 0;
         return wheel.pushed_cycles >= kPushedCycles;
     }
-    const double forward = plant.dynamics.k7_per_kg_m / radius_m;
-    const double turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
+    const Real forward = plant.dynamics.k7_per_kg_m / radius_m;
+    const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
     if (wheel.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
-        const double brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
-                              elapsed_s * (kHistoryCycles + wheel.history_age);
-        wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, 0.0);
+        const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
+                            elapsed_s * Real(kHistoryCycles + wheel.history_age);
+        wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, Real(0));
         if (wheel.speed_before < 0) wheel.speed = -wheel.speed;
     }
-    const double beyond_Nm =
+    const Real beyond_Nm =
         beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.unexplained_before / (2 * forward));
     if (beyond_Nm != 0) {
         wheel.speed += beyond_Nm * (forward + turning) * elapsed_s;
@@ -137,14 +138,13 @@ bool EncoderWatch::hidden(Wheel& wheel, double elapsed_s, double torque_Nm, doub
 }
 
 // What of a torque must turn the wheel.
-double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm,
-                                    double slope_Nm) const {
-    double least = std::min(0.0, holds_Nm);
-    double most = std::max(0.0, holds_Nm);
+Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const {
+    Real least = std::min(Real(0), holds_Nm);
+    Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
         const bool crept = std::max(std::abs(wheel.speed_before), std::abs(wheel.speed_lately)) <=
                            settings_.creeping_rad_per_s;
-        const double held_Nm = crept ? wheel.torque_Nm : 0;
+        const Real held_Nm = crept ? wheel.torque_Nm : 0;
         least = std::min({least, slope_Nm, held_Nm});
         most = std::max({most, slope_Nm, held_Nm});
     }
@@ -152,7 +152,7 @@ double EncoderWatch::beyond_held_Nm(const Wheel& wheel, double torque_Nm, double
 }
 
 // Once in each span.
-bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s, const PlantModel<double>& plant) {
+bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant) {
     span_cycles_ = cycles_;
     cycles_ = 0;
     newest_ = (newest_ + 1) % kInstants;
@@ -161,15 +161,15 @@ bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s, const Plan
     if (instants_known_ <= kSpans) return false;
     const Instant& now = instants_[newest_];
     const Instant& last = instants_[(newest_ - 1) % kInstants];
-    const WheelPair<double> expected{now.expected_rad_per_s.left - last.expected_rad_per_s.left,
-                                     now.expected_rad_per_s.right - last.expected_rad_per_s.right};
-    const WheelPair<double> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
-                                 now.speed_rad_per_s.right - last.speed_rad_per_s.right};
+    const WheelPair<Real> expected{now.expected_rad_per_s.left - last.expected_rad_per_s.left,
+                                   now.expected_rad_per_s.right - last.expected_rad_per_s.right};
+    const WheelPair<Real> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
+                               now.speed_rad_per_s.right - last.speed_rad_per_s.right};
     // By the wheel that is more as expected, as the other one may lie.
-    const double unexpected =
+    const Real unexpected =
         std::min(std::abs(told.left - expected.left), std::abs(told.right - expected.right));
     spans_averaged_ = std::min(spans_averaged_ + 1, kAveraged);
-    unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / spans_averaged_;
+    unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / Real(spans_averaged_);
 
     const Instant& from = instants_[(newest_ - kSpans) % kInstants];
     const Lie lie = turned_round(from, now);
@@ -184,21 +184,20 @@ bool EncoderWatch::mirrored(const WheelPair<double>& speed_rad_per_s, const Plan
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const double least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
-                                   kBeyondCreeping * settings_.creeping_rad_per_s});
-    const double left =
-        from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
-    const double right =
+    const Real least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
+                                 kBeyondCreeping * settings_.creeping_rad_per_s});
+    const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
+    const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
-    const WheelPair<double>& told = to.speed_rad_per_s;
-    const auto is = [](double a, double b, double speed) { return std::abs(a - b) <= kLikeness * speed; };
-    const double left_size = std::abs(left);
-    const double right_size = std::abs(right);
+    const WheelPair<Real>& told = to.speed_rad_per_s;
+    const auto is = [](Real a, Real b, Real speed) { return std::abs(a - b) <= kLikeness * speed; };
+    const Real left_size = std::abs(left);
+    const Real right_size = std::abs(right);
     if (left_size >= least && is(told.left, -left, left_size) && is(told.right, right, left_size))
         return Lie::left;
     if (right_size >= least && is(told.right, -right, right_size) && is(told.left, left, right_size))
         return Lie::right;
-    const double apart = std::abs(left - right);
+    const Real apart = std::abs(left - right);
     if (apart >= 2 * least && is(told.left, right, apart / 2) && is(told.right, left, apart / 2))
         return Lie::swapped;
     return Lie::none;
@@ -206,9 +205,8 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other
 // one does what is expected. `expected`, `told`: this wheel's gain in the last span first.
-bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
-                           const WheelPair<double>& told) {
-    const double size = std::abs(expected.left);
+bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told) {
+    const Real size = std::abs(expected.left);
     int& cycles = against_cycles_[wheel];
     if (size < std::max(kGainShare * settings_.full_rad_per_s, kGainBeyondNoise * unexpected_rad_per_s_))
         return false;  // tells nothing
@@ -222,12 +220,11 @@ bool EncoderWatch::against(std::size_t wheel, const WheelPair<double>& expected,
 }
 
 // What the torques alone make of the speeds, in a span.
-void EncoderWatch::push(double elapsed_s, const WheelPair<double>& torque_Nm,
-                        const PlantModel<double>& plant) {
+void EncoderWatch::push(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant) {
     const auto& g = plant.geometry;
-    const double forward = plant.dynamics.k7_per_kg_m * torque_Nm.sum();
-    const double turning = plant.dynamics.k8_per_kg_m2 * torque_Nm.difference() * g.track_m / 2;
-    const double least_Nm = std::min(std::abs(torque_Nm.left), std::abs(torque_Nm.right));
+    const Real forward = plant.dynamics.k7_per_kg_m * torque_Nm.sum();
+    const Real turning = plant.dynamics.k8_per_kg_m2 * torque_Nm.difference() * g.track_m / 2;
+    const Real least_Nm = std::min(std::abs(torque_Nm.left), std::abs(torque_Nm.right));
     if (cycles_ == 0) {
         push_rad_per_s_ = {};
         push_s_ = 0;
@@ -242,29 +239,29 @@ void EncoderWatch::push(double elapsed_s, const WheelPair<double>& torque_Nm,
 // Whether torques beyond friction have long made a wheel go their way and the other one go against it, or
 // both against it in turning: then they are exchanged. A slope moves both wheels one way; a body that turns
 // moves them too, if by less than the torques, whichever wheel tells the truth.
-bool EncoderWatch::against_push(const WheelPair<double>& speed_rad_per_s, const WheelPair<double>& told,
-                                const PlantModel<double>& plant) {
-    const WheelPair<double>& push = push_rad_per_s_;
-    const double size = std::min(std::abs(push.left), std::abs(push.right));
+bool EncoderWatch::against_push(const WheelPair<Real>& speed_rad_per_s, const WheelPair<Real>& told,
+                                const PlantModel<Real>& plant) {
+    const WheelPair<Real>& push = push_rad_per_s_;
+    const Real size = std::min(std::abs(push.left), std::abs(push.right));
     const auto& g = plant.geometry;
-    const auto turned_by_body = [&](double left_rad_per_s) {
+    const auto turned_by_body = [&](Real left_rad_per_s) {
         const auto rate = model::acceleration(
             plant.dynamics, model::twist_from_wheel_speeds(g, {left_rad_per_s, speed_rad_per_s.right}),
-            WheelPair<double>{});
+            WheelPair<Real>{});
         return push_s_ * (std::abs(rate.v_m_per_s2) + std::abs(rate.omega_rad_per_s2) * g.track_m / 2) /
                std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
     };
-    const double body_rad_per_s =
+    const Real body_rad_per_s =
         std::max(turned_by_body(speed_rad_per_s.left), turned_by_body(-speed_rad_per_s.left));
     if (least_push_Nm_ < kBeyondFriction * settings_.known_friction_Nm ||
         size < kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s))
         return false;  // tells nothing
-    const std::array<double, 2> share{told.left / push.left, told.right / push.right};
+    const std::array<Real, 2> share{told.left / push.left, told.right / push.right};
     const bool turning = push.left * push.right < 0;
     bool lies = false;
     for (std::size_t i = 0; i < 2; ++i) {
         int& cycles = against_push_cycles_[i];
-        const double other = turning ? std::abs(share[1 - i]) : share[1 - i];
+        const Real other = turning ? std::abs(share[1 - i]) : share[1 - i];
         if (share[i] >= kGainOfPush) cycles = 0;
         if (share[i] <= -kGainOfPush && other >= kGainOfPush) cycles += span_cycles_;
         lies = lies || cycles >= kAgainstPushCycles;

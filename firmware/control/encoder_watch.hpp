@@ -29,15 +29,15 @@
 
 namespace wheelwright::control {
 
-inline constexpr double kNearlyAllTorque = 0.75;  // of the torque limit
+inline constexpr Real kNearlyAllTorque = Real(0.75);  // of the torque limit
 
 struct EncoderWatchSettings {
-    double torque_limit_Nm{};
-    double held_Nm{};  // friction may hold it without motion
-    double creeping_rad_per_s{};
-    int span_cycles{};           // the observer follows within some of these
-    double full_rad_per_s{};     // what full torque on both wheels makes of a wheel's speed in one
-    double known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
+    Real torque_limit_Nm{};
+    Real held_Nm{};  // friction may hold it without motion
+    Real creeping_rad_per_s{};
+    int span_cycles{};         // the observer follows within some of these
+    Real full_rad_per_s{};     // what full torque on both wheels makes of a wheel's speed in one
+    Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
 };
 
 // `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its
@@ -53,62 +53,61 @@ class EncoderWatch {
 
     // A cycle in which torques were sent. `angle_rad` as the drives told them last, `told_ns` when.
     // `model_known`: the plant's K7 and K8 are no guess. True: an encoder is not to be believed.
-    bool update(double elapsed_s, const WheelPair<double>& angle_rad,
-                const std::array<std::int64_t, 2>& told_ns, const WheelObserver<double>& observer,
-                const WheelPair<double>& torque_Nm, const PlantModel<double>& plant, bool model_known);
+    bool update(Real elapsed_s, const WheelPair<double>& angle_rad,
+                const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
+                const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known);
 
     // Where the cycle has time for it, after update(): about 200 instructions once in a span.
-    void look(const WheelPair<double>& speed_rad_per_s, const PlantModel<double>& plant) {
+    void look(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant) {
         if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s, plant);
     }
 
   private:
     struct Wheel {
         double angle_rad = 0;  // and the torque at its last change
-        double torque_Nm = 0;
-        double speed = 0;  // unseen, since then
-        double unseen_rad = 0;
+        Real torque_Nm = 0;
+        Real speed = 0;  // unseen, since then
+        Real unseen_rad = 0;
         std::int64_t told_ns = 0;
         int frames = -1;  // since then, with the same angle
         int pushed_cycles = 0;
-        double speed_before = 0, speed_lately = 0;  // 16 to 32 cycles ago, and up to 16
-        double unexplained_before = 0, unexplained_lately = 0;
+        Real speed_before = 0, speed_lately = 0;  // 16 to 32 cycles ago, and up to 16
+        Real unexplained_before = 0, unexplained_lately = 0;
         int history_age = 0;
     };
     struct Instant {
-        WheelPair<double> speed_rad_per_s;
-        WheelPair<double> expected_rad_per_s;  // gained by the model since the watch began
+        WheelPair<Real> speed_rad_per_s;
+        WheelPair<Real> expected_rad_per_s;  // gained by the model since the watch began
     };
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, double speed_rad_per_s,
-                      double unexplained_rad_per_s2, double torque_Nm);
-    double beyond_held_Nm(const Wheel& wheel, double torque_Nm, double holds_Nm, double slope_Nm) const;
-    bool hidden(Wheel& wheel, double elapsed_s, double torque_Nm, double holds_Nm, double radius_m,
-                const PlantModel<double>& plant, bool model_known) const;
-    [[gnu::noinline]] bool mirrored(const WheelPair<double>& speed_rad_per_s,
-                                    const PlantModel<double>& plant);
+    static bool still(Wheel& wheel, Real angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
+                      Real unexplained_rad_per_s2, Real torque_Nm);
+    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const;
+    bool hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
+                const PlantModel<Real>& plant, bool model_known) const;
+    [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
     Lie turned_round(const Instant& from, const Instant& to) const;
-    bool against(std::size_t wheel, const WheelPair<double>& expected, const WheelPair<double>& told);
-    [[gnu::noinline]] void push(double elapsed_s, const WheelPair<double>& torque_Nm,
-                                const PlantModel<double>& plant);
-    [[gnu::noinline]] bool against_push(const WheelPair<double>& speed_rad_per_s,
-                                        const WheelPair<double>& told, const PlantModel<double>& plant);
+    bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told);
+    [[gnu::noinline]] void push(Real elapsed_s, const WheelPair<Real>& torque_Nm,
+                                const PlantModel<Real>& plant);
+    [[gnu::noinline]] bool against_push(const WheelPair<Real>& speed_rad_per_s, const WheelPair<Real>& told,
+                                        const PlantModel<Real>& plant);
 
     EncoderWatchSettings settings_;
     std::array<Wheel, 2> wheels_;
-    WheelPair<double> expected_rad_per_s_;
+    WheelPair<Real> expected_rad_per_s_;
     std::array<Instant, kInstants> instants_;
     std::size_t newest_ = 0;
     int instants_known_ = 0;
-    double unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
+    Real unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};
     // In the span: what the torques alone would have made of the speeds, and the least that a wheel had.
-    WheelPair<double> push_rad_per_s_;
-    double push_s_ = 0;
-    double least_push_Nm_ = 0;
+    WheelPair<Real> push_rad_per_s_;
+    Real push_s_ = 0;
+    Real least_push_Nm_ = 0;
     std::array<int, 2> against_push_cycles_{};
     int span_cycles_ = 0;  // that the last span took
     bool mirrored_ = false;

@@ -37,18 +37,10 @@ inline constexpr double kSurePerSoft = 3.75;
 template <typename Real>
 PlantModel<Real> plant_model(const model::RobotParameters& from) {
     PlantModel<Real> to;
-    to.geometry.wheel_radius_m = {Real(from.geometry.wheel_radius_m.left),
-                                  Real(from.geometry.wheel_radius_m.right)};
-    to.geometry.track_m = Real(from.geometry.track_m);
-    to.dynamics = {Real(from.dynamics.k5_m), Real(from.dynamics.k6_per_m), Real(from.dynamics.k7_per_kg_m),
-                   Real(from.dynamics.k8_per_kg_m2)};
-    to.effects.active = from.effects.active;
+    to.geometry = model::Geometry<Real>(from.geometry);
+    to.dynamics = model::Dynamics<Real>(from.dynamics);
+    to.effects = model::EffectSet<Real>(from.effects);
     bool rare = false;
-    for (std::size_t i = 0; i < model::kEffectCount; ++i) {
-        for (std::size_t j = 0; j < model::kMaxEffectParameters; ++j) {
-            to.effects.parameter[i][j] = Real(from.effects.parameter[i][j]);
-        }
-    }
     for (std::size_t i = model::kCommonEffects; i < model::kEffectCount; ++i)
         rare = rare || (to.effects.active[i] && i != model::kCogLateral);
     to.rare_effects = rare;

@@ -59,8 +59,9 @@ inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from,
             2 * std::min(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
         const double acceleration_m_per_s2 = rim_per_Nm * accelerating_Nm(from);
         const double noise = from.geometry.mean_radius_m() * loop.angle_noise_rad * std::sqrt(cycle_s) *
-                             std::pow(kTimeConstantsToOnePercent, 1.5);
-        const double by_noise_s = std::pow(noise / (kRippleShare * kStepShare * acceleration_m_per_s2), 0.4);
+                             std::pow(Real(kTimeConstantsToOnePercent), Real(1.5));
+        const double by_noise_s =
+            std::pow(Real(noise / (kRippleShare * kStepShare * acceleration_m_per_s2)), Real(0.4));
         speed.settling_time_s = std::max({kFewestCycles * cycle_s, by_delay_s, by_noise_s});
     }
     if (loop.observer_bandwidth_rad_per_s <= 0)

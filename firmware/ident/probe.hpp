@@ -448,8 +448,8 @@ class Probe {
             pushed_well_ = pushed_well_ && pushed_well();
             const double k8 = (d.right - d.left) / 2 / options_.geometry.track_m;
             found_.pushed_m_per_s2_Nm = {(forward_.left - d.left) / 2, (forward_.right + d.right) / 2};
-            own_error_ = {std::hypot(forward_error_.left, answered_[0].error()) / 2,
-                          std::hypot(forward_error_.right, answered_[1].error()) / 2};
+            own_error_ = {joint(forward_error_.left, answered_[0].error()) / 2,
+                          joint(forward_error_.right, answered_[1].error()) / 2};
             found_.dragged_m_per_s2_Nm = {(forward_.left + d.left) / 2, (forward_.right - d.right) / 2};
             // the brakes work with these from now on
             if (k7_per_kg_m_ > 0 && k8 > 0 && answers_stand_out()) {
@@ -479,12 +479,13 @@ class Probe {
         if (fault != IdentCause::none) end(fault);
         return fault != IdentCause::none;
     }
+    // Of a sum of two, from theirs.
+    static double joint(double error, double other) { return std::hypot(Real(error), Real(other)); }
     Slowed slowed(std::size_t wheel) const {
         const Mean& straight = slowed_[0][wheel];
         const Mean& turning = slowed_[1][wheel];
         const double forward = wheel == 0 ? -1 : 1;  // the left one turns backwards in the pushes that turn
-        return {straight.mean(), forward * turning.mean(),
-                kSure * std::hypot(straight.error(), turning.error())};
+        return {straight.mean(), forward * turning.mean(), kSure * joint(straight.error(), turning.error())};
     }
     // Pushes that moved nothing, or nothing that stands out.
     bool judge_answers() {
@@ -574,7 +575,7 @@ class Probe {
         const Mean& half = answer_[1][wheel];
         if (!(half.mean() > 0) || !(whole.mean() > 0)) return {1, 1};
         const double ratio = whole.mean() / half.mean();
-        return {ratio, ratio * std::hypot(whole.error() / whole.mean(), half.error() / half.mean())};
+        return {ratio, ratio * joint(whole.error() / whole.mean(), half.error() / half.mean())};
     }
     bool pulses_tell() const {
         return std::max(ratio_of(0).error, ratio_of(1).error) < (1 - kUnclipped) / kSure;

@@ -120,7 +120,7 @@ class SideWitness {
         const Pose<double>& b = halts_[from + 1].pose;
         const double turn = b.heading_rad - a.heading_rad;
         const double along = a.heading_rad + turn / 2;
-        return {(b.x_m - a.x_m) * std::cos(along) + (b.y_m - a.y_m) * std::sin(along), turn};
+        return {(b.x_m - a.x_m) * std::cos(Real(along)) + (b.y_m - a.y_m) * std::sin(Real(along)), turn};
     }
 
     model::Geometry<double> geometry_;

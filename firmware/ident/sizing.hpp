@@ -88,8 +88,9 @@ inline double kernel_for_bit_s(double bit_time_s, double sample_time_s, double q
 // / B^2, is this share of an acceleration.
 inline constexpr double kQuietShare = 0.005;
 inline double quiet_block_s(double angle_noise_rad, double acceleration_rad_per_s2, double sample_time_s) {
-    return std::pow(std::sqrt(6 * sample_time_s) * angle_noise_rad / (kQuietShare * acceleration_rad_per_s2),
-                    2.0 / 5);
+    return std::pow(
+        Real(std::sqrt(6 * sample_time_s) * angle_noise_rad / (kQuietShare * acceleration_rad_per_s2)),
+        Real(2.0 / 5));
 }
 
 // A limit that the measured speed's own noise would cross is none. The noise is the observer's, as

@@ -19,6 +19,10 @@ struct Geometry {
     WheelPair<Real> wheel_radius_m;  // > 0
     Real track_m{};                  // > 0, distance between the wheels' contact points
 
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator Geometry<Other>() const {
+        return {WheelPair<Other>(wheel_radius_m), Other(track_m)};
+    }
     constexpr Real mean_radius_m() const { return (wheel_radius_m.left + wheel_radius_m.right) / 2; }
 };
 
@@ -29,6 +33,11 @@ struct Dynamics {
     Real k6_per_m{};
     Real k7_per_kg_m{};
     Real k8_per_kg_m2{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator Dynamics<Other>() const {
+        return {Other(k5_m), Other(k6_per_m), Other(k7_per_kg_m), Other(k8_per_kg_m2)};
+    }
 };
 
 // Standard gravity (3rd CGPM, 1901).

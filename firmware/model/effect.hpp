@@ -47,22 +47,30 @@
 
 namespace wheelwright::model {
 
+// A text for people. A bare target has nobody to read it, and does not carry it.
+struct NoText {
+    constexpr NoText(const char*) {}
+};
+struct Words : std::conditional_t<kBare, NoText, std::string_view> {
+    consteval Words(const char* text = "") : std::conditional_t<kBare, NoText, std::string_view>(text) {}
+};
+
 struct EffectParameterInfo {
     std::string_view name;  // with its unit, as in the robot file
-    std::string_view unit;
+    Words unit;
     double minimum;
     double maximum;
-    std::string_view meaning;
+    Words meaning;
 };
 
 struct EffectInfo {
     std::string_view name;  // canonical: the robot file's and every report's
-    std::string_view meaning;
-    std::string_view source;  // where the equation comes from
+    Words meaning;
+    Words source;  // where the equation comes from
     std::span<const EffectParameterInfo> parameters;
     // One of the two: what the controllers do about it, or why they do nothing.
-    std::string_view compensation{};
-    std::string_view uncompensated_because{};
+    Words compensation{};
+    Words uncompensated_because{};
 };
 
 inline constexpr std::size_t kMaxEffectParameters = 4;

@@ -68,8 +68,8 @@ using Catalogue = std::tuple<ViscousFriction,      //
 inline constexpr std::size_t kEffectCount = std::tuple_size_v<Catalogue>;
 
 // Those at the catalogue's beginning that many robots have: where no other is active, the cycle's functions
-// need not look at the rest (their parameter kUpTo).
-inline constexpr std::size_t kCommonEffects = 7;
+// need not look at the rest (their parameter kUpTo). A bare target has no room for two of each.
+inline constexpr std::size_t kCommonEffects = kBare ? kEffectCount : 7;
 
 // The kinds of effect.hpp.
 template <typename Effect>
@@ -173,6 +173,16 @@ template <typename Real>
 struct EffectSet {
     std::array<bool, kEffectCount> active{};
     std::array<Parameters<Real>, kEffectCount> parameter{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator EffectSet<Other>() const {
+        EffectSet<Other> other{active, {}};
+        for (std::size_t i = 0; i < kEffectCount; ++i) {
+            for (std::size_t j = 0; j < kMaxEffectParameters; ++j)
+                other.parameter[i][j] = Other(parameter[i][j]);
+        }
+        return other;
+    }
 };
 
 // Half of the relative gain mismatch that a file lists: c of torque_gain_mismatch.hpp.

@@ -30,7 +30,7 @@ constexpr std::array<std::string_view, 2> kMethods{"delayed_plant", "paper"};
 
 // clang-format off
 // The one home of names, units, defaults and ranges. Indices are stable: never reuse or renumber one.
-const std::array kTable{
+constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x0001, geometry.wheel_radius_m.left,  "m", 0.075, 0.005, 2.0, start, "rolling radius of the left wheel"),
     WW_REAL(0x0002, geometry.wheel_radius_m.right, "m", 0.075, 0.005, 2.0, start, "rolling radius of the right wheel"),
     WW_REAL(0x0003, geometry.track_m, "m", 0.32, 0.02, 5.0, start, "distance between the wheels' contact points"),
@@ -164,7 +164,7 @@ const std::array kTable{
     WW_INTEGER(0x0111, lines.drive_enable, "", -1, -1, 1023, start, "line of the drive-enable output; -1: none"),
     WW_BOOLEAN(0x0112, lines.emergency_stop_active_low, 1, start, "a low level means stop (a broken wire stops the robot)"),
     WW_BOOLEAN(0x0113, lines.drive_enable_active_low, 0, start, "a low level enables the drives"),
-};
+});
 // clang-format on
 #undef WW_CHOICE
 #undef WW_BOOLEAN

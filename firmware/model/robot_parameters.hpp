@@ -114,9 +114,9 @@ enum class ChangeWhen : std::uint8_t {
 };
 
 struct ParameterInfo {
-    std::uint16_t index;    // on CAN; stable for ever
-    std::string_view key;   // dotted path in the robot file
-    std::string_view unit;  // "" for none
+    std::uint16_t index;   // on CAN; stable for ever
+    std::string_view key;  // dotted path in the robot file
+    Words unit;            // "" for none
     ParameterKind kind;
     double standard;          // default
     double minimum, maximum;  // beside these, 0 where automatic()
@@ -124,7 +124,7 @@ struct ParameterInfo {
     std::span<const std::string_view> choices;  // names of a choice's values, in order of value
     double (*get)(const RobotParameters&);
     void (*set)(RobotParameters&, double);
-    std::string_view meaning;
+    Words meaning;
 
     // 0 stands for "auto", which is the default: the firmware finds the value itself.
     constexpr bool automatic() const { return standard == 0 && minimum > 0; }
@@ -144,14 +144,14 @@ const ParameterInfo* find_parameter(std::string_view key);
 struct OrderRule {
     std::string_view larger, smaller;
 };
-inline constexpr std::array kOrderRules{
+inline constexpr auto kOrderRules = std::to_array<OrderRule>({
     OrderRule{"safety.over_speed_m_per_s", "limits.speed_m_per_s"},
     OrderRule{"safety.over_yaw_rate_rad_per_s", "limits.yaw_rate_rad_per_s"},
     OrderRule{"safety.over_speed_m_per_s", "ident.speed_limit_m_per_s"},
     OrderRule{"safety.over_yaw_rate_rad_per_s", "ident.yaw_rate_limit_rad_per_s"},
     OrderRule{"safety.highest_supply_V", "safety.lowest_supply_V"},
     OrderRule{"pose_control.rearm_radius_m", "pose_control.stop_radius_m"},
-};
+});
 // The first that does not hold; nullptr: all do.
 const OrderRule* broken_order(const RobotParameters& parameters);
 

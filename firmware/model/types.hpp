@@ -2,13 +2,25 @@
 //
 // Body frame: x forward, y left, z up, origin at the middle of the wheel axle. Angles and rates are positive
 // counter-clockwise. A positive wheel torque or wheel speed drives the robot forward, on either wheel.
-// All types are plain aggregates: no invariants, no allocation, trivially copyable.
+// All types are plain aggregates: no invariants, no allocation, trivially copyable. Each becomes the same in
+// other numbers, by itself where nothing is lost.
 #pragma once
 
 #include <cmath>
 #include <cstdint>
+#include <type_traits>
 
 namespace wheelwright {
+
+// A bare target: a processor that has only float in hardware, and little memory.
+#ifdef WHEELWRIGHT_BARE
+inline constexpr bool kBare = true;
+#else
+inline constexpr bool kBare = false;
+#endif
+
+// What a cycle computes in.
+using Real = std::conditional_t<kBare, float, double>;
 
 // One value per wheel.
 template <typename Real>
@@ -16,6 +28,10 @@ struct WheelPair {
     Real left{};
     Real right{};
 
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator WheelPair<Other>() const {
+        return {Other(left), Other(right)};
+    }
     constexpr Real sum() const { return right + left; }         // drives the robot forward
     constexpr Real difference() const { return right - left; }  // turns the robot counter-clockwise
 };
@@ -25,6 +41,11 @@ template <typename Real>
 struct Twist {
     Real v_m_per_s{};
     Real omega_rad_per_s{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator Twist<Other>() const {
+        return {Other(v_m_per_s), Other(omega_rad_per_s)};
+    }
 };
 
 // Acceleration of the robot: time derivative of Twist.
@@ -40,6 +61,11 @@ struct Pose {
     Real x_m{};
     Real y_m{};
     Real heading_rad{};
+
+    template <typename Other>
+    explicit(sizeof(Other) < sizeof(Real)) constexpr operator Pose<Other>() const {
+        return {Other(x_m), Other(y_m), Other(heading_rad)};
+    }
 };
 
 // Wraps an angle to (-pi, pi]. Not finite in, not finite out.

@@ -133,7 +133,7 @@ void Cycle::drain(hal::CanBus& bus, bool from_host, bool from_drives) {
 }
 
 Told Cycle::told(const HostEvents& events) const {
-    return {time_.scheduled_ns,      elapsed_s(),
+    return {time_.scheduled_ns,      Real(elapsed_s()),
             time_.missed == 0,       ports_.left.feedback(),
             ports_.right.feedback(), events.external_pose ? &host_.external_pose.value : nullptr,
             output_.torque_Nm};

@@ -84,13 +84,18 @@ class Cycle {
     void request_termination() { terminate_.store(true, std::memory_order_relaxed); }
     bool finished() const { return finished_; }
 
+    // Between think() and send(): what the drives will be sent, and, where cycles are run again on a machine
+    // that computes in other numbers, what they were sent then, which the recorded motion followed from.
+    const MotionOutput& output() const { return output_; }
+    void pretend_output(const WheelPair<Real>& torque_Nm) { output_.torque_Nm = torque_Nm; }
+
     // For tools that run the firmware in process, and for tests. Valid between cycles.
     CycleReport report() const;  // all parts
     const supervisor::Supervisor& supervisor() const { return supervisor_; }
     const MotionControl& control() const { return control_; }
     const Learning& learning() const { return learning_; }
-    const control::Odometry<double>& odometry() const { return senses_.odometry(); }
-    const control::WheelObserver<double>& observer() const { return senses_.observer(); }
+    const control::Odometry<Real>& odometry() const { return senses_.odometry(); }
+    const control::WheelObserver<Real>& observer() const { return senses_.observer(); }
     const supervisor::Conditions& conditions() const { return conditions_; }
 
     // Between cycles: all that cycle, drives and live parameters remember, which is all that the next cycle

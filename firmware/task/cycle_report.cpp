@@ -31,13 +31,13 @@ CycleReport Cycle::report() const {
 }
 
 void Cycle::fill(ReportPart part, CycleReport& r) const {
-    const ident::DynamicsEstimate<double>& estimate = learning_.estimate();
+    const ident::DynamicsEstimate<Real>& estimate = learning_.estimate();
     switch (part) {
         case ReportPart::status:
             fill_status(r.status);
             break;
         case ReportPart::motion: {
-            const model::Motion<double>& motion = senses_.observer().motion();
+            const model::Motion<Real>& motion = senses_.observer().motion();
             r.wheel_speed_rad_per_s = motion.wheel_speed_rad_per_s;
             r.torque_Nm = output_.torque_Nm;
             r.pose = senses_.odometry().pose();

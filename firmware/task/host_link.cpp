@@ -3,6 +3,16 @@
 #include <span>
 
 namespace wheelwright::task {
+namespace {
+
+Pose<Real> pose_of(const auto& message) {
+    return Pose<Real>(Pose<double>{message.x_m, message.y_m, message.heading_rad});
+}
+Twist<Real> twist_of(const auto& message) {
+    return Twist<Real>(Twist<double>{message.forward_speed_m_per_s, message.yaw_rate_rad_per_s});
+}
+
+}  // namespace
 
 // Guards and decodes; counts what is wrong.
 template <typename Message>
@@ -48,23 +58,21 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
         case protocol::TorqueCommand::id: {
             protocol::TorqueCommand command;
             if (take(received, command)) {
-                torque_Nm.put({command.left_torque_Nm, command.right_torque_Nm}, time_ns);
+                torque_Nm.put({Real(command.left_torque_Nm), Real(command.right_torque_Nm)}, time_ns);
             }
             return true;
         }
         case protocol::VelocityCommand::id: {
             protocol::VelocityCommand command;
             if (take(received, command)) {
-                velocity.put({command.forward_speed_m_per_s, command.yaw_rate_rad_per_s}, time_ns);
+                velocity.put(twist_of(command), time_ns);
             }
             return true;
         }
         case protocol::PoseGoal::id: {
             protocol::PoseGoal command;
             if (take(received, command)) {
-                goal.put({{command.x_m, command.y_m, command.heading_rad},
-                          static_cast<model::GoalDirection>(command.direction)},
-                         time_ns);
+                goal.put({pose_of(command), static_cast<model::GoalDirection>(command.direction)}, time_ns);
             }
             return true;
         }
@@ -72,7 +80,7 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
             protocol::StreamedPose command;
             if (take(received, command)) {
                 if (half_alive_ != kNoHalf) count(Cause::rejected_unpaired);
-                half_pose_ = {command.x_m, command.y_m, command.heading_rad};
+                half_pose_ = pose_of(command);
                 half_alive_ = command.alive;
             }
             return true;
@@ -81,8 +89,7 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
             protocol::StreamedVelocity command;
             if (take(received, command)) {
                 if (half_alive_ == command.alive) {
-                    streamed.put({half_pose_, {command.forward_speed_m_per_s, command.yaw_rate_rad_per_s}},
-                                 time_ns);
+                    streamed.put({half_pose_, twist_of(command)}, time_ns);
                 } else {
                     count(Cause::rejected_unpaired);
                 }
@@ -93,7 +100,7 @@ bool HostLink::accept(const hal::ReceivedFrame& received) {
         case protocol::ExternalPose::id: {
             protocol::ExternalPose command;
             if (take(received, command)) {
-                external_pose.put({command.x_m, command.y_m, command.heading_rad}, time_ns);
+                external_pose.put(pose_of(command), time_ns);
                 events_.external_pose = true;
             }
             return true;

@@ -33,12 +33,12 @@ struct Setpoint {
 };
 
 struct StreamedReference {
-    Pose<double> pose;
-    Twist<double> twist;
+    Pose<Real> pose;
+    Twist<Real> twist;
 };
 
 struct PoseGoal {
-    Pose<double> pose;
+    Pose<Real> pose;
     model::GoalDirection direction = model::GoalDirection::forward;
 };
 
@@ -75,11 +75,11 @@ class HostLink {
     // may send it that knows nothing of the host.
     std::int64_t heard_ns() const { return heard_ns_; }
 
-    Setpoint<WheelPair<double>> torque_Nm;
-    Setpoint<Twist<double>> velocity;
+    Setpoint<WheelPair<Real>> torque_Nm;
+    Setpoint<Twist<Real>> velocity;
     Setpoint<PoseGoal> goal;
     Setpoint<StreamedReference> streamed;
-    Setpoint<Pose<double>> external_pose;
+    Setpoint<Pose<Real>> external_pose;
 
     // A mode's set-points begin anew when the mode is entered: what came before does not count.
     void forget_setpoints();
@@ -96,7 +96,7 @@ class HostLink {
     std::array<std::uint32_t, protocol::counter_cause_values.size()> counters_{};
     protocol::CommandGuard guard_;
     // A streamed pose waits for the velocities with the same alive counter.
-    Pose<double> half_pose_{};
+    Pose<Real> half_pose_{};
     static constexpr std::uint8_t kNoHalf = 15;
     std::uint8_t half_alive_ = kNoHalf;
 };

@@ -13,8 +13,8 @@ using drivers::DriveState;
 // A robot stands when no rim has been faster than this share of safety.clear_speed_m_per_s for so long.
 constexpr double kStandingShare = 0.1;
 constexpr int kStandingCycles = 20;
-constexpr double kSlowGain =
-    1.0 / 50;  // a cycle: what moves on or has stopped is known within a tenth of a second,
+constexpr Real kSlowGain =
+    Real(1) / 50;  // a cycle: what moves on or has stopped is known within a tenth of a second,
 constexpr double kQuickShare = 10;  // as more than this times safety.clear_speed_m_per_s counts as that
 
 // An active effect of 0 +- 0 has never been measured. Beside one, adaptation would lay its torque on K7 and
@@ -47,7 +47,7 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     const std::int64_t now_ns = evidence.seen.now_ns;
     // Frames that come and are not believed are none; a drive's new origin is believed after some.
     const double refused_s = safety.stale_feedback_s + 1e-3 * parameters_.drive.encoder_period_ms *
-                                                           control::WheelObserver<double>::kNewOriginSamples;
+                                                           control::WheelObserver<Real>::kNewOriginSamples;
     const auto& [left_taken_ns, right_taken_ns] = evidence.seen.encoder_taken_ns;
     c.feedback_stale =
         stale(std::min(left.encoder_time_ns, right.encoder_time_ns), now_ns, safety.stale_feedback_s) ||
@@ -68,20 +68,20 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     c.watchdog_confirmed = !either(&DriveSight::refusal, ArmRefusal::watchdog_not_confirmed);
     c.control_mode_confirmed = !either(&DriveSight::refusal, ArmRefusal::mode_not_confirmed);
 
-    const model::Motion<double>& motion = evidence.seen.motion;
+    const model::Motion<Real>& motion = evidence.seen.motion;
     if (evidence.seen.encoder_speed != nullptr) {
         encoders_over_speed_ = encoders_over_speed(*evidence.seen.encoder_speed);
     }
     // Written so that what is no number counts as dangerous.
     c.over_speed = beyond_speed_limits(motion.twist, 0) || encoders_over_speed_;
-    const auto rims_within = [&radius = evidence.wheel_radius_m](const WheelPair<double>& speed_rad_per_s,
+    const auto rims_within = [&radius = evidence.wheel_radius_m](const WheelPair<Real>& speed_rad_per_s,
                                                                  double limit_m_per_s) {
         return std::abs(radius.left * speed_rad_per_s.left) <= limit_m_per_s &&
                std::abs(radius.right * speed_rad_per_s.right) <= limit_m_per_s;
     };
     // the encoders' noise at rest, which has no mean, is no motion
-    const auto follow = [&safety](double& slow, double speed_rad_per_s, double radius_m) {
-        const double most = kQuickShare * safety.clear_speed_m_per_s / radius_m;
+    const auto follow = [&safety](Real& slow, Real speed_rad_per_s, double radius_m) {
+        const Real most = Real(kQuickShare * safety.clear_speed_m_per_s / radius_m);
         slow += kSlowGain * (std::clamp(speed_rad_per_s, -most, most) - slow);
         if (!std::isfinite(slow)) slow = speed_rad_per_s;  // as long as the observer is
     };

@@ -35,7 +35,7 @@ struct Evidence {
     const Observed& seen;
     const DriveSight& left;
     const DriveSight& right;
-    const WheelPair<double>& wheel_radius_m;
+    const WheelPair<Real>& wheel_radius_m;
     bool wants_armed = false;            // the drives, as the cycle before left it
     bool braking = false;                // the same
     std::uint32_t strangers = 0;         // frames of another firmware, counted so far
@@ -71,7 +71,7 @@ class Judge {
     bool effects_measured_ = false;
     std::uint32_t foreign_control_ = 0;
     std::uint32_t stale_feedback_cycles_ = 0;
-    WheelPair<double> slow_wheels_;  // speeds, averaged
+    WheelPair<Real> slow_wheels_;  // speeds, averaged
     bool encoders_over_speed_ = false;
     int resting_cycles_ = 0;
 };

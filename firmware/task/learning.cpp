@@ -22,11 +22,11 @@ std::uint32_t excitation_seed(const Observed& now) {
     return static_cast<std::uint32_t>(x);
 }
 
-ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& p, double kernel_s) {
-    ident::RegressionFilterOptions<double> options;
+ident::RegressionFilterOptions<Real> filter_options(const model::RobotParameters& p, double kernel_s) {
+    ident::RegressionFilterOptions<Real> options;
     options.geometry = model::actual_geometry(p.effects, p.geometry);
-    options.effects = p.effects;
-    options.dynamics = p.dynamics;
+    options.effects = model::EffectSet<Real>(p.effects);
+    options.dynamics = model::Dynamics<Real>(p.dynamics);
     options.sample_time_s = kCyclePeriod_s;
     options.kernel_s = kernel_s;
     options.sample_age_s = Senses::sample_age_s(p);
@@ -44,7 +44,7 @@ constexpr double kKernelsRemembered = 40;
 // Samples that a speed is taken over: driving is slow beside the longest span that the filter has.
 constexpr int kAdaptiveSpeedSpan = 24;
 
-double listed_offset_m(const model::EffectSet<double>& effects) {
+Real listed_offset_m(const model::EffectSet<Real>& effects) {
     return effects.active[model::kCogLateral] ? effects.parameter[model::kCogLateral][0] : 0;
 }
 
@@ -72,7 +72,7 @@ double chosen(double asked, double standard) { return asked > 0 ? asked : standa
 
 void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
                                     const Observed& now) {
-    ident::IdentificationOptions<double> options;
+    ident::IdentificationOptions<Real> options;
     ident::SizingRequest& sizing = options.sizing;
     sizing.amplitude_Nm = chosen(settings.amplitude_Nm, p.ident.amplitude_Nm);
     sizing.bit_time_s = chosen(1e-3 * settings.bit_time_ms, p.ident.bit_time_s);
@@ -91,12 +91,13 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
 
     auto& excitation = options.excitation;
     excitation.sample_time_s = kCyclePeriod_s;
-    excitation.speed_limit_m_per_s = ident::speed_limit_m_per_s(sizing);
-    excitation.yaw_rate_limit_rad_per_s =
-        ident::yaw_rate_limit_rad_per_s(sizing, excitation.speed_limit_m_per_s);
-    excitation.distance_limit_m = sizing.distance_limit_m;
+    const double speed_limit_m_per_s = ident::speed_limit_m_per_s(sizing);
+    const double yaw_rate_limit_rad_per_s = ident::yaw_rate_limit_rad_per_s(sizing, speed_limit_m_per_s);
+    excitation.speed_limit_m_per_s = Real(speed_limit_m_per_s);
+    excitation.yaw_rate_limit_rad_per_s = Real(yaw_rate_limit_rad_per_s);
+    excitation.distance_limit_m = Real(sizing.distance_limit_m);
     options.estimator.filter = filter_options(p, 0);
-    options.estimator.relative_standard_error = p.ident.relative_standard_error;
+    options.estimator.relative_standard_error = Real(p.ident.relative_standard_error);
 
     options.probe = true;
     ident::ProbeOptions& probing = options.probing;
@@ -104,8 +105,8 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     probing.sample_time_s = kCyclePeriod_s;
     probing.torque_limit_Nm = p.limits.torque_Nm;
     probing.amplitude_Nm = sizing.amplitude_Nm;
-    probing.speed_limit_m_per_s = excitation.speed_limit_m_per_s;
-    probing.yaw_rate_limit_rad_per_s = excitation.yaw_rate_limit_rad_per_s;
+    probing.speed_limit_m_per_s = speed_limit_m_per_s;
+    probing.yaw_rate_limit_rad_per_s = yaw_rate_limit_rad_per_s;
     probing.distance_limit_m = sizing.distance_limit_m;
     probing.pose_noise_m = p.odometry.external_pose_noise_m;
     probing.heading_noise_rad = p.odometry.external_heading_noise_rad;
@@ -120,8 +121,8 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     adapting_ = false;
 }
 
-WheelPair<double> Learning::identify(const Observed& seen,
-                                     const std::array<const drivers::DriveFeedback*, 2>& feedback) {
+WheelPair<Real> Learning::identify(const Observed& seen,
+                                   const std::array<const drivers::DriveFeedback*, 2>& feedback) {
     ident::ProbeSample senses;
     senses.angle_rad = seen.sample.angle_rad;
     senses.usable = seen.angles_known;  // swapped wheels look like slip; the probe tells them apart
@@ -135,11 +136,11 @@ WheelPair<double> Learning::identify(const Observed& seen,
     return run_.step(seen.sample, seen.pose, seen.motion.twist, senses);
 }
 
-model::Dynamics<double> Learning::probed_dynamics() const {
+model::Dynamics<Real> Learning::probed_dynamics() const {
     const ident::ProbeFindings& found = run_.findings();
-    constexpr double kPredictsNothing = 1e-5;
+    constexpr Real kPredictsNothing = Real(1e-5);
     if (!probed()) return {0, 0, kPredictsNothing, kPredictsNothing};
-    return {0, 0, found.k7_per_kg_m, found.k8_per_kg_m2};
+    return {0, 0, Real(found.k7_per_kg_m), Real(found.k8_per_kg_m2)};
 }
 
 // What couples forward and turning. Returns what is K5..K8 beside it.
@@ -155,8 +156,8 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
         service.record(model::effect_index(effect, 0), std::clamp(value, info.minimum, info.maximum));
     };
     const ident::Asymmetry found = run_.asymmetry();
-    model::Dynamics<double> k =
-        ident::told_apart(run_.estimate().dynamics, found.mismatch, found.offset_m, live.geometry.track_m);
+    model::Dynamics<double> k = ident::told_apart<double>(run_.estimate().dynamics, found.mismatch,
+                                                          found.offset_m, live.geometry.track_m);
     // The run took the torque that the file's mismatch lets arrive, so it has found what is to be added.
     const double listed = model::listed_mismatch(live.effects);
     const double beside = 1 + listed * found.mismatch;
@@ -201,48 +202,49 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
         for (std::size_t j = 0; j < parameters.size(); ++j) {
             service.record(
                 model::effect_index(i, j),
-                std::clamp(e.effects.parameter[i][j], parameters[j].minimum, parameters[j].maximum));
+                std::clamp<double>(e.effects.parameter[i][j], parameters[j].minimum, parameters[j].maximum));
             live.effects_standard_error.parameter[i][j] = e.effects_standard_error.parameter[i][j];
         }
     }
 }
 
 void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& control) {
-    const control::PlantModel<double>& plant = control.plant();
-    ident::AdaptiveEstimatorOptions<double> options;
-    options.memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * control.lap_s());
-    double kernel_s = options.memory_s / kKernelsRemembered;
+    const control::PlantModel<Real>& plant = control.plant();
+    ident::AdaptiveEstimatorOptions<Real> options;
+    const double memory_s = std::max(p.adaptation.memory_s, kLapsRemembered * control.lap_s());
+    options.memory_s = Real(memory_s);
+    double kernel_s = memory_s / kKernelsRemembered;
     if (p.adaptation.dither_error > 0)
         kernel_s = std::min(kernel_s, kKernelOverRow * planned_dither_s(p, plant.dynamics) / kRowsADither);
     options.filter = filter_options(p, kernel_s);
     const double noise_rad = p.velocity_loop.angle_noise_rad;
     if (noise_rad > 0) {
-        options.angle_noise_rad = noise_rad;
+        options.angle_noise_rad = Real(noise_rad);
         options.filter.speed_span = kAdaptiveSpeedSpan;
         options.filter.standing_speed_rad_per_s =
-            ident::standing_speed_rad_per_s(noise_rad, kAdaptiveSpeedSpan, kCyclePeriod_s);
+            Real(ident::standing_speed_rad_per_s(noise_rad, kAdaptiveSpeedSpan, kCyclePeriod_s));
     }
     options.dynamics = plant.dynamics;
     track_m_ = plant.geometry.track_m;
-    options.standard_error = p.dynamics_standard_error;
+    options.standard_error = model::Dynamics<Real>(p.dynamics_standard_error);
     options.effects = plant.effects;
-    options.effects_standard_error = p.effects_standard_error;
-    options.minimum_excitation = p.adaptation.minimum_excitation;
-    options.trust_relative_error = p.adaptation.trust_relative_error;
-    options.range = p.adaptation.range;
+    options.effects_standard_error = model::EffectSet<Real>(p.effects_standard_error);
+    options.minimum_excitation = Real(p.adaptation.minimum_excitation);
+    options.trust_relative_error = Real(p.adaptation.trust_relative_error);
+    options.range = Real(p.adaptation.range);
     adaptive_.configure(options);
-    guard_.configure({p.adaptation.dwell_s, p.adaptation.rate_per_s, p.adaptation.trust_relative_error,
-                      p.adaptation.range, kCyclePeriod_s, p.geometry.track_m},
+    guard_.configure({Real(p.adaptation.dwell_s), Real(p.adaptation.rate_per_s), options.trust_relative_error,
+                      options.range, Real(kCyclePeriod_s), Real(p.geometry.track_m)},
                      ident::seen_together(plant.dynamics, model::listed_mismatch(plant.effects),
                                           listed_offset_m(plant.effects), track_m_),
                      plant.effects);
     minimum_excitation_ = p.adaptation.minimum_excitation;
-    dither_period_s_ = kRowsADither * adaptive_.row_interval_s();
-    const double error = p.adaptation.dither_error;
+    dither_period_s_ = Real(kRowsADither) * adaptive_.row_interval_s();
+    const Real error = Real(p.adaptation.dither_error);
     dither_over_noise_ = error > 0 ? std::sqrt(2 * adaptive_.row_interval_s() / options.memory_s) / error : 0;
-    torque_limit_Nm_ = p.limits.torque_Nm;
+    torque_limit_Nm_ = Real(p.limits.torque_Nm);
     adapting_ = true;
-    control.dither().configure(dither_period_s_, kCyclePeriod_s, track_m_);
+    control.dither().configure(dither_period_s_, Real(kCyclePeriod_s), track_m_);
 }
 
 bool Learning::adapt(const Observed& seen, bool saturated, MotionControl& control) {
@@ -257,7 +259,7 @@ bool Learning::adapt(const Observed& seen, bool saturated, MotionControl& contro
     const bool changed = guard_.update(adaptive_.estimate(), !saturated && !seen.slipping);
     if (changed && adapted_since_ == 0) adapted_since_ = 1;
     if (estimate_is_new) {
-        const WheelPair<double> rim = dither_m_per_s2();
+        const WheelPair<Real> rim = dither_m_per_s2();
         control.dither().set_amplitudes(rim.left, rim.right);
     }
     // not for poses that come in every cycle
@@ -265,17 +267,17 @@ bool Learning::adapt(const Observed& seen, bool saturated, MotionControl& contro
     return was_long_;
 }
 
-model::Dynamics<double> Learning::adapted_dynamics() const {
+model::Dynamics<Real> Learning::adapted_dynamics() const {
     return ident::told_apart(guard_.dynamics(), model::listed_mismatch(guard_.effects()),
                              listed_offset_m(guard_.effects()), track_m_);
 }
 
-WheelPair<double> Learning::dither_m_per_s2() const {
-    const WheelPair<double> noise = adaptive_.row_noise_m_per_s2();
-    const model::Dynamics<double>& k = guard_.dynamics();
-    const double rate = 2 * std::numbers::pi / dither_period_s_;
-    const double by_way = kDitherWayShare * track_m_ * rate * rate;
-    const double torque_Nm = kDitherTorqueShare * torque_limit_Nm_;
+WheelPair<Real> Learning::dither_m_per_s2() const {
+    const WheelPair<Real> noise = adaptive_.row_noise_m_per_s2();
+    const model::Dynamics<Real>& k = guard_.dynamics();
+    const Real rate = 2 * std::numbers::pi_v<Real> / dither_period_s_;
+    const Real by_way = Real(kDitherWayShare) * track_m_ * rate * rate;
+    const Real torque_Nm = Real(kDitherTorqueShare) * torque_limit_Nm_;
     return {std::min({dither_over_noise_ * noise.left, by_way, 2 * torque_Nm * k.k7_per_kg_m}),
             std::min({dither_over_noise_ * noise.right, by_way, torque_Nm * k.k8_per_kg_m2 * track_m_})};
 }
@@ -294,10 +296,10 @@ protocol::IdentStatus Learning::status() const {
     status.torque_clipped = run_.findings().clipped;
     status.sides_confirmed = run_.findings().pose_seen;
     status.signs_agree = run_.signs_agree();
-    status.delay_s = std::max(run_.delay().delay_s - sample_age_s_, 0.0);
+    status.delay_s = std::max<double>(run_.delay().delay_s - sample_age_s_, 0);
     status.samples = estimate().rows;
     const auto& x = estimate().excitation;
-    status.excitation_percent = 100 * std::min(std::min(x.k7_per_kg_m, x.k8_per_kg_m2), 1.0);
+    status.excitation_percent = 100 * std::min<double>(std::min(x.k7_per_kg_m, x.k8_per_kg_m2), 1);
     return status;
 }
 

@@ -24,15 +24,15 @@ class Learning {
     void start_identification(const model::RobotParameters& parameters,
                               const protocol::IdentSettings& settings, const Observed& now);
     // The excitation's torque. `feedback`: of both drives, left and right.
-    WheelPair<double> identify(const Observed& seen,
-                               const std::array<const drivers::DriveFeedback*, 2>& feedback);
+    WheelPair<Real> identify(const Observed& seen,
+                             const std::array<const drivers::DriveFeedback*, 2>& feedback);
     bool identification_finished() const { return run_.finished(); }
     // K7 and K8 are known. K5 and K6 too: identification().coupling_known().
     bool identification_succeeded() const { return run_.state() == ident::IdentState::done; }
     // Ends it because the mode was left.
     void interrupt_identification() { run_.interrupt(); }
     // K7 and K8 as the probe has found them, K5 and K6 zero; before, a model that predicts nothing.
-    model::Dynamics<double> probed_dynamics() const;
+    model::Dynamics<Real> probed_dynamics() const;
     bool probed() const { return run_.findings().k8_per_kg_m2 > 0; }
 
     // Writes what the run found to the live parameters; they are then the controllers' model.
@@ -51,25 +51,25 @@ class Learning {
     }
     bool adaptation_frozen() const;
     // The estimate of whichever ran last.
-    const ident::DynamicsEstimate<double>& estimate() const {
+    const ident::DynamicsEstimate<Real>& estimate() const {
         return adapting_ ? adaptive_.estimate() : run_.estimate();
     }
-    const ident::IdentificationRun<double>& run() const { return run_; }
+    const ident::IdentificationRun<Real>& run() const { return run_; }
     protocol::IdentStatus status() const;
     double progress() const;  // 0..1
     bool excited() const;
 
   private:
-    model::Dynamics<double> adapted_dynamics() const;  // as beside the guard's effects in a robot file
-    WheelPair<double> dither_m_per_s2() const;         // amplitudes at a wheel's rim, forward and turning
+    model::Dynamics<Real> adapted_dynamics() const;  // as beside the guard's effects in a robot file
+    WheelPair<Real> dither_m_per_s2() const;         // amplitudes at a wheel's rim, forward and turning
     model::Dynamics<double> record_asymmetry(ParameterService& service, model::RobotParameters& live) const;
 
-    ident::IdentificationRun<double> run_;
-    ident::AdaptiveEstimator<double> adaptive_;
-    ident::ModelGuard<double> guard_;
-    double track_m_ = 1;
-    double dither_period_s_ = 1, dither_over_noise_ = 0;
-    double torque_limit_Nm_ = 0;
+    ident::IdentificationRun<Real> run_;
+    ident::AdaptiveEstimator<Real> adaptive_;
+    ident::ModelGuard<Real> guard_;
+    Real track_m_ = 1;
+    Real dither_period_s_ = 1, dither_over_noise_ = 0;
+    Real torque_limit_Nm_ = 0;
     double sample_age_s_ = 0;
     double duration_s_ = 1;
     double relative_standard_error_ = 1;

@@ -10,7 +10,7 @@ namespace {
 
 using supervisor::Law;
 
-bool same_request(const control::LoopDesignRequest<double>& a, const control::LoopDesignRequest<double>& b) {
+bool same_request(const control::LoopDesignRequest<Real>& a, const control::LoopDesignRequest<Real>& b) {
     return a.method == b.method && a.settling_time_s == b.settling_time_s && a.damping == b.damping &&
            a.setpoint_weight == b.setpoint_weight && a.phase_margin_deg == b.phase_margin_deg &&
            a.sensitivity_peak == b.sensitivity_peak && a.cycle_s == b.cycle_s &&
@@ -29,24 +29,25 @@ constexpr int kPacePoints = 2;
 
 MotionOutput guarded(const MotionOutput& wanted, double torque_limit_Nm) {
     MotionOutput output = wanted;
-    WheelPair<double>& torque = output.torque_Nm;
+    WheelPair<Real>& torque = output.torque_Nm;
     output.finite = std::isfinite(torque.left) && std::isfinite(torque.right);
     if (!output.finite) torque = {};
-    torque.left = std::clamp(torque.left, -torque_limit_Nm, torque_limit_Nm);
-    torque.right = std::clamp(torque.right, -torque_limit_Nm, torque_limit_Nm);
+    const Real limit = Real(torque_limit_Nm);
+    torque.left = std::clamp(torque.left, -limit, limit);
+    torque.right = std::clamp(torque.right, -limit, limit);
     return output;
 }
 
 void MotionControl::configure(const model::RobotParameters& parameters) {
     parameters_ = parameters;
-    plant_ = control::plant_model<double>(parameters);
-    limiter_.configure(parameters.limits.acceleration_m_per_s2,
-                       parameters.limits.yaw_acceleration_rad_per_s2);
-    pose_.configure(control::pose_control_settings<double>(parameters));
-    pace_limits_ = control::pace_limits<double>(parameters);
+    plant_ = control::plant_model<Real>(parameters);
+    limiter_.configure(Real(parameters.limits.acceleration_m_per_s2),
+                       Real(parameters.limits.yaw_acceleration_rad_per_s2));
+    pose_.configure(control::pose_control_settings<Real>(parameters));
+    pace_limits_ = control::pace_limits<Real>(parameters);
     tracker_.configure(pace_limits_.tracking);
     select_trajectory(command_);
-    const auto request = control::loop_design_request<double>(parameters, kCyclePeriod_s);
+    const auto request = control::loop_design_request<Real>(parameters, Real(kCyclePeriod_s));
     if (!same_request(request, request_) || design_.status() == control::DesignStatus::none) {
         request_ = request;
         design_.begin(request);
@@ -55,11 +56,13 @@ void MotionControl::configure(const model::RobotParameters& parameters) {
     use_gains();
 }
 
-void MotionControl::use_gains() { loop_.configure({gains_, parameters_.limits.torque_Nm, kCyclePeriod_s}); }
+void MotionControl::use_gains() {
+    loop_.configure({gains_, Real(parameters_.limits.torque_Nm), Real(kCyclePeriod_s)});
+}
 
 void MotionControl::finish_design() {
     for (int i = 0;
-         i < control::LoopDesign<double>::kMostSteps && design_.status() == control::DesignStatus::running;
+         i < control::LoopDesign<Real>::kMostSteps && design_.status() == control::DesignStatus::running;
          ++i) {
         step_design();
     }
@@ -81,10 +84,9 @@ void MotionControl::step_design() {
     }
 }
 
-void MotionControl::change_model(const model::Dynamics<double>& dynamics,
-                                 const model::EffectSet<double>& effects,
-                                 const model::Motion<double>& measured) {
-    loop_.change_model(plant_, measured, [&](control::PlantModel<double>& plant) {
+void MotionControl::change_model(const model::Dynamics<Real>& dynamics, const model::EffectSet<Real>& effects,
+                                 const model::Motion<Real>& measured) {
+    loop_.change_model(plant_, measured, [&](control::PlantModel<Real>& plant) {
         plant.dynamics = dynamics;
         model::for_each_active_index(
             plant.effects.active, [&](std::size_t i) { plant.effects.parameter[i] = effects.parameter[i]; });
@@ -93,12 +95,12 @@ void MotionControl::change_model(const model::Dynamics<double>& dynamics,
 
 void MotionControl::select_trajectory(const protocol::TrajectoryCommand& command) {
     command_ = command;
-    control::PathSettings<double> path = control::standard_figure_eight<double>(parameters_);
+    control::PathSettings<Real> path = control::standard_figure_eight<Real>(parameters_);
     if (!streamed()) path.kind = static_cast<control::PathKind>(command.shape);
-    if (command.length_m != 0) path.length_m = command.length_m;
-    if (command.width_m != 0) path.width_m = command.width_m;
-    if (command.period_s != 0) path.period_s = command.period_s;
-    if (path.kind != control::PathKind::figure_eight) path.ramp_s = kRampShare * path.period_s;
+    if (command.length_m != 0) path.length_m = Real(command.length_m);
+    if (command.width_m != 0) path.width_m = Real(command.width_m);
+    if (command.period_s != 0) path.period_s = Real(command.period_s);
+    if (path.kind != control::PathKind::figure_eight) path.ramp_s = Real(kRampShare) * path.period_s;
     pace_.begin(path);
 }
 
@@ -147,9 +149,9 @@ void MotionControl::enter(Law law, const Observed& now) {
     }
 }
 
-MotionOutput MotionControl::open_loop(const WheelPair<double>& wanted_Nm) const {
+MotionOutput MotionControl::open_loop(const WheelPair<Real>& wanted_Nm) const {
     MotionOutput out;
-    const double limit = parameters_.limits.torque_Nm;
+    const Real limit = Real(parameters_.limits.torque_Nm);
     out.torque_Nm = {std::clamp(wanted_Nm.left, -limit, limit), std::clamp(wanted_Nm.right, -limit, limit)};
     if (out.torque_Nm.left != wanted_Nm.left || out.torque_Nm.right != wanted_Nm.right) {
         out.limits.set(control::Limiter::torque_sum);
@@ -157,11 +159,12 @@ MotionOutput MotionControl::open_loop(const WheelPair<double>& wanted_Nm) const 
     return out;
 }
 
-MotionOutput MotionControl::follow(const Observed& now, const Twist<double>& wanted) {
+MotionOutput MotionControl::follow(const Observed& now, const Twist<Real>& wanted) {
     MotionOutput out;
-    const Twist<double> scaled = control::scale_jointly(wanted, parameters_.limits.speed_m_per_s,
-                                                        parameters_.limits.yaw_rate_rad_per_s, out.limits);
-    control::VelocityReference<double> reference;
+    const Twist<Real> scaled =
+        control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
+                               Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
+    control::VelocityReference<Real> reference;
     reference.twist = limiter_.step(scaled, now.elapsed_s, out.limits);
     loops_drive_ = true;
     out.torque_Nm = loop_.update(plant_, now.motion, reference);
@@ -172,7 +175,7 @@ MotionOutput MotionControl::follow(const Observed& now, const Twist<double>& wan
 
 MotionOutput MotionControl::track(const Observed& now, const HostLink& host, bool dither) {
     MotionOutput out;
-    control::ReferencePoint<double> point;
+    control::ReferencePoint<Real> point;
     if (streamed()) {
         if (host.streamed.received && host.streamed.time_ns != streamed_time_ns_) {
             streamed_time_ns_ = host.streamed.time_ns;
@@ -185,7 +188,8 @@ MotionOutput MotionControl::track(const Observed& now, const HostLink& host, boo
             if (pace_.running()) return follow(now, limiter_.now());
             begin_path(now);
         }
-        point = control::path_point(path_, 1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_));
+        point =
+            control::path_point(path_, Real(1e-9 * static_cast<double>(now.now_ns - trajectory_start_ns_)));
     }
     auto command = tracker_.update(point, now.pose, now.elapsed_s);
     if (dither) dither_.step(command.reference);
@@ -217,10 +221,10 @@ MotionOutput MotionControl::torque(const supervisor::ModeRule& mode, const Obser
     switch (mode.law) {
         case Law::torque:
             loops_drive_ = false;
-            return open_loop(host.torque_Nm.received ? host.torque_Nm.value : WheelPair<double>{});
+            return open_loop(host.torque_Nm.received ? host.torque_Nm.value : WheelPair<Real>{});
         case Law::velocity: {
             const bool told = mode.setpoint == supervisor::Setpoint::velocity && host.velocity.received;
-            return follow(now, told ? host.velocity.value : Twist<double>{});
+            return follow(now, told ? host.velocity.value : Twist<Real>{});
         }
         case Law::pose:
             return drive_to(now, host);

@@ -24,9 +24,9 @@
 namespace wheelwright::task {
 
 struct MotionOutput {
-    WheelPair<double> torque_Nm;
-    Twist<double> reference;
-    Pose<double> tracking_error;  // reference less robot, in the robot's frame: along, across, heading
+    WheelPair<Real> torque_Nm;
+    Twist<Real> reference;
+    Pose<Real> tracking_error;  // reference less robot, in the robot's frame: along, across, heading
     control::LimiterFlags limits;
     bool goal_reached = false;
     bool finite = true;
@@ -46,12 +46,12 @@ class MotionControl {
     // One bounded piece of them.
     void step_design();
     bool design_accepted() const { return design_accepted_; }
-    const control::LoopDesign<double>& design() const { return design_; }
+    const control::LoopDesign<Real>& design() const { return design_; }
 
     // The controller's model. change_model() keeps the torque where it is; which effects are active stays.
-    const control::PlantModel<double>& plant() const { return plant_; }
-    void change_model(const model::Dynamics<double>& dynamics, const model::EffectSet<double>& effects,
-                      const model::Motion<double>& measured);
+    const control::PlantModel<Real>& plant() const { return plant_; }
+    void change_model(const model::Dynamics<Real>& dynamics, const model::EffectSet<Real>& effects,
+                      const model::Motion<Real>& measured);
 
     // What the trajectory modes follow, from when they are entered; some tens of cycles after this call the
     // path's pace is known. Where the mode comes before that, the robot goes on as it moves until then. Not
@@ -63,11 +63,11 @@ class MotionControl {
     std::int64_t trajectory_start_ns() const { return trajectory_start_ns_; }
     bool streamed() const { return command_.shape == protocol::TrajectoryShape::streamed; }
     // The selected path's pace. Its path() is what is driven, but for the place where it begins.
-    const control::PathPace<double>& pace() const { return pace_; }
+    const control::PathPace<Real>& pace() const { return pace_; }
     protocol::TrajectoryPace told_pace() const;
 
     // Of the adaptive mode, where a path is driven.
-    control::Dither<double>& dither() { return dither_; }
+    control::Dither<Real>& dither() { return dither_; }
 
     // Call in the cycle that enters a mode, before torque().
     void enter(supervisor::Law law, const Observed& now);
@@ -83,9 +83,9 @@ class MotionControl {
     void release();
 
   private:
-    MotionOutput open_loop(const WheelPair<double>& wanted_Nm) const;
+    MotionOutput open_loop(const WheelPair<Real>& wanted_Nm) const;
     MotionOutput drive_to(const Observed& now, const HostLink& host);
-    MotionOutput follow(const Observed& now, const Twist<double>& wanted);
+    MotionOutput follow(const Observed& now, const Twist<Real>& wanted);
     MotionOutput track(const Observed& now, const HostLink& host, bool dither);
     void begin_path(const Observed& now);
     void step_pace();
@@ -93,23 +93,23 @@ class MotionControl {
     void take_over(const Observed& now);
 
     model::RobotParameters parameters_;
-    control::PlantModel<double> plant_;
-    control::LoopDesign<double> design_;
-    control::LoopDesignRequest<double> request_;
-    control::LoopGains<double> gains_;
+    control::PlantModel<Real> plant_;
+    control::LoopDesign<Real> design_;
+    control::LoopDesignRequest<Real> request_;
+    control::LoopGains<Real> gains_;
     bool design_accepted_ = false;
-    control::VelocityLoop<double> loop_;
+    control::VelocityLoop<Real> loop_;
     bool loops_drive_ = false;  // they gave the last cycle's torque
-    control::Dither<double> dither_;
-    control::TwistRateLimiter<double> limiter_;
-    control::PoseController<double> pose_;
-    control::TrajectoryTracker<double> tracker_;
-    control::StreamedReference<double> streamed_;
+    control::Dither<Real> dither_;
+    control::TwistRateLimiter<Real> limiter_;
+    control::PoseController<Real> pose_;
+    control::TrajectoryTracker<Real> tracker_;
+    control::StreamedReference<Real> streamed_;
     std::int64_t streamed_time_ns_ = 0;
     protocol::TrajectoryCommand command_;
-    control::PathPace<double> pace_;
-    control::PaceLimits<double> pace_limits_;
-    control::PathSettings<double> path_;  // driven
+    control::PathPace<Real> pace_;
+    control::PaceLimits<Real> pace_limits_;
+    control::PathSettings<Real> path_;  // driven
     std::int64_t trajectory_start_ns_ = 0;
 };
 

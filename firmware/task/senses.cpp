@@ -5,13 +5,13 @@
 namespace wheelwright::task {
 
 void Senses::configure(const model::RobotParameters& parameters) {
-    observer_.configure(control::wheel_observer_settings<double>(parameters, kCyclePeriod_s));
-    odometry_.configure(control::odometry_settings<double>(parameters));
+    observer_.configure(control::wheel_observer_settings<Real>(parameters, Real(kCyclePeriod_s)));
+    odometry_.configure(control::odometry_settings<Real>(parameters));
     slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters);
     sample_age_ns_ = static_cast<std::int64_t>(sample_age_s(parameters) * 1e9);
 }
 
-Observed Senses::observe(const Told& told, const control::PlantModel<double>& plant) {
+Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plant) {
     const auto sample = [](const drivers::DriveFeedback& f) {
         return control::EncoderSample{f.position_rad, f.speed_rad_per_s, f.encoder_time_ns};
     };

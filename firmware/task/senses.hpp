@@ -19,40 +19,40 @@ namespace wheelwright::task {
 // What has been told until a cycle's instant.
 struct Told {
     std::int64_t now_ns = 0;
-    double elapsed_s = 0;  // since the cycle before
+    Real elapsed_s = 0;    // since the cycle before
     bool in_a_row = true;  // no cycle was missed
     const drivers::DriveFeedback& left;
     const drivers::DriveFeedback& right;
-    const Pose<double>* external_pose = nullptr;  // that came in this cycle
-    WheelPair<double> sent_torque_Nm;             // in the cycle before
+    const Pose<Real>* external_pose = nullptr;  // that came in this cycle
+    WheelPair<Real> sent_torque_Nm;             // in the cycle before
 };
 
 // The robot's motion at a cycle's instant, as all laws, estimators and watchers take it.
 struct Observed {
     std::int64_t now_ns = 0;
-    double elapsed_s = 0;
-    model::Motion<double> motion;
-    Pose<double> pose;
-    WheelPair<double> last_torque_Nm;
+    Real elapsed_s = 0;
+    model::Motion<Real> motion;
+    Pose<Real> pose;
+    WheelPair<Real> last_torque_Nm;
     // For the estimators: the wheels' angles some cycles ago, by the encoders alone.
-    ident::IdentSample<double> sample;
+    ident::IdentSample<Real> sample;
     bool angles_known = false;
     std::array<std::int64_t, 2> encoder_taken_ns{};  // receive times of the newest samples that were believed
     const control::EncoderSpeed* encoder_speed = nullptr;  // that is of this cycle
     bool slipping = false;
-    const Pose<double>* external_pose = nullptr;
+    const Pose<Real>* external_pose = nullptr;
 };
 
 class Senses {
   public:
     void configure(const model::RobotParameters& parameters);
     // Once in each cycle, before torque_sent().
-    Observed observe(const Told& told, const control::PlantModel<double>& plant);
-    void torque_sent(const WheelPair<double>& torque_Nm) { observer_.torque_sent(torque_Nm); }
+    Observed observe(const Told& told, const control::PlantModel<Real>& plant);
+    void torque_sent(const WheelPair<Real>& torque_Nm) { observer_.torque_sent(torque_Nm); }
 
     bool slipping(std::int64_t now_ns) const { return slip_.slipping(now_ns); }
-    const control::WheelObserver<double>& observer() const { return observer_; }
-    const control::Odometry<double>& odometry() const { return odometry_; }
+    const control::WheelObserver<Real>& observer() const { return observer_; }
+    const control::Odometry<Real>& odometry() const { return odometry_; }
 
     // How long before the cycle's instant the angles of a sample were: the estimators count it as delay.
     static double sample_age_s(const model::RobotParameters& parameters) {
@@ -60,9 +60,9 @@ class Senses {
     }
 
   private:
-    control::WheelObserver<double> observer_;
+    control::WheelObserver<Real> observer_;
     control::EncoderSpeed encoder_speed_;
-    control::Odometry<double> odometry_;
+    control::Odometry<Real> odometry_;
     SlipWatch slip_;
     double slip_limit_rad_per_s_ = 0;
     std::int64_t sample_age_ns_ = 0;

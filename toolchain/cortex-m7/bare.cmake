@@ -12,5 +12,5 @@ set(machine "-mcpu=cortex-m7 -mthumb -mfpu=fpv5-sp-d16 -mfloat-abi=hard")
 set(CMAKE_C_FLAGS_INIT "${machine} -ffunction-sections -fdata-sections")
 # Eigen must neither allocate nor print; a double constant in float code would drag in soft-float double.
 set(CMAKE_CXX_FLAGS_INIT "${CMAKE_C_FLAGS_INIT} -fno-exceptions -fno-rtti -fno-threadsafe-statics \
--DEIGEN_NO_MALLOC -DEIGEN_NO_IO -DEIGEN_NO_DEBUG -DEIGEN_DONT_VECTORIZE")
+-DWHEELWRIGHT_BARE -DEIGEN_NO_MALLOC -DEIGEN_NO_IO -DEIGEN_NO_DEBUG -DEIGEN_DONT_VECTORIZE")
 set(CMAKE_EXE_LINKER_FLAGS_INIT "${machine} -nostartfiles --specs=nano.specs --specs=nosys.specs -Wl,--gc-sections")

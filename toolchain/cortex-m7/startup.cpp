@@ -1,4 +1,5 @@
 // From reset to run() on a bare Cortex-M7: FPU on, .data copied, .bss cleared, constructors run.
+#include <cstddef>
 #include <cstdint>
 
 extern "C" {
@@ -16,6 +17,7 @@ int run();                            // the program; ISO C++ lets nobody call m
 [[noreturn]] void leave(int status);  // the board's way out; see semihosting.cpp
 [[noreturn]] void reset();
 [[noreturn]] void fault();
+[[gnu::weak]] void systick();  // where a program has one
 }
 
 namespace {
@@ -40,6 +42,12 @@ void reset() {
 }
 
 void fault() { leave(125); }
+void systick() { fault(); }
+
+// Virtual destructors and abstract classes refer to these, and nobody calls them: there is no heap.
+void operator delete(void*) noexcept { fault(); }
+void operator delete(void*, std::size_t) noexcept { fault(); }
+extern "C" void __cxa_pure_virtual() { fault(); }
 
 namespace {
 
@@ -47,13 +55,13 @@ using Handler = void (*)();
 struct Vectors {
     std::uint32_t* initial_stack;
     Handler reset;
-    Handler exceptions[14];  // NMI, faults, SVCall, PendSV, SysTick: none is expected
+    Handler exceptions[14];  // NMI, faults, SVCall, PendSV: none is expected; SysTick
 };
 
 [[gnu::section(".vectors"), gnu::used]] const Vectors vectors = {
     &stack_top,
     reset,
-    {fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault},
+    {fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, fault, systick},
 };
 
 }  // namespace
