@@ -245,6 +245,7 @@ void recover(Scene& scene, Judge& judge) {
     const double longest_s = 2 * control::braking_time_s(scene.setup().believed) + 1;
     for (int i = 0; i < 30 && !idle(); ++i) {
         if (supervisor.mode() == Mode::fault) {
+            sim.world().plant().place(sim.world().pose(), {});  // it may have coasted
             sim.host().clear_fault();
         } else {
             sim.host().mode(Mode::idle);

@@ -35,10 +35,10 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"lie_sign", 5, "goes on"},                  // during an identification, as the next three
-    {"lie_frozen", 20, "goes on"},
-    {"lie_both_frozen", 10, "goes on"},
-    {"lie_frame_repeated", 20, "goes on"},
+    {"lie_sign", 51192, "late"},
+    {"lie_frozen", 51005, "late"},               // during an identification, as the next two
+    {"lie_both_frozen", 51005, "late"},
+    {"lie_frame_repeated", 51005, "late"},
     {"lie_half_speed", 29, "quicker"},
     {"origin_jump", 75, "false trip"},           // over_speed
     {"swapped_nodes", 22, "quicker"},
