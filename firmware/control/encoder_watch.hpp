@@ -82,7 +82,7 @@ class EncoderWatch {
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, Real angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
+    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
                       Real unexplained_rad_per_s2, Real torque_Nm);
     Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const;
     bool hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
