@@ -91,7 +91,7 @@ class AdaptiveEstimator {
         options_ = options;
         filter_.configure(options.filter);
         columns_ = column_places(filter_.estimated(), places_);
-        size_ = kFixed + columns_;
+        size_ = static_cast<int>(kFixed) + columns_;
         const auto dt = static_cast<Real>(options.filter.sample_time_s);
         const auto m = static_cast<Real>(filter_.block_samples());
         const Real interval_s = m * dt;
