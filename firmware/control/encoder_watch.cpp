@@ -3,7 +3,7 @@
 namespace wheelwright::control {
 namespace {
 
-constexpr Real kUnseen_rad = Real(1.5 * kCoarsestStep_rad);
+constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);  // of what the torque brakes by, with friction
 constexpr int kHistoryCycles = 16;
 constexpr int kPushedCycles = 80;

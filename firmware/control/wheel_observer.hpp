@@ -64,9 +64,6 @@ ObserverGains<Real> observer_gains(Real bandwidth_rad_per_s, Real period_s) {
     return {g, h / period_s, k / (period_s * period_s), 1 - s};
 }
 
-// No encoder tells fewer places of a wheel's turn: the Hall sensors of a wheel motor tell 90.
-inline constexpr double kCoarsestStep_rad = 6.283185307179586 / 64;
-
 template <typename Real>
 struct WheelObserverSettings {
     Real cycle_s{};

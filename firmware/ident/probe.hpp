@@ -138,9 +138,9 @@ class Probe {
     // A wheel that is pushed stands to the digit, and has since the other one has turned: held fast, or its
     // encoder is.
     IdentCause wheel_standing() const {
-        if (std::abs(angle_.right - left_changed_.right) > kTurnedBeside_rad)
+        if (std::abs(angle_.right - left_changed_.right) > kMostUnseen_rad)
             return IdentCause::left_wheel_does_not_turn;
-        if (std::abs(angle_.left - right_changed_.left) > kTurnedBeside_rad)
+        if (std::abs(angle_.left - right_changed_.left) > kMostUnseen_rad)
             return IdentCause::right_wheel_does_not_turn;
         return IdentCause::none;
     }
@@ -163,13 +163,12 @@ class Probe {
     static constexpr double kRoomShare = 0.06;   // of the room, for one push
     static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
     static constexpr double kNoises = 8;         // and of the noise
-    static constexpr double kTurnedBeside_rad = 0.15;  // one and a half steps of an encoder of 64 to a turn
-    static constexpr double kReportAge_s = 0.004;      // about: lag, bus, and the cycle's own age
-    static constexpr double kSteadyRamp_s = 0.15;      // then the age is a small share of the ramp
-    static constexpr double kUnclipped = 0.97;         // of what was asked
-    static constexpr double kSure = 4;                 // standard errors
-    static constexpr double kMostFriction = 0.8;       // of a torque, that pulses still move against
-    static constexpr double kFitShare = 0.9;           // of a pulse; at its end the wheel may stand
+    static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
+    static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
+    static constexpr double kUnclipped = 0.97;     // of what was asked
+    static constexpr double kSure = 4;             // standard errors
+    static constexpr double kMostFriction = 0.8;   // of a torque, that pulses still move against
+    static constexpr double kFitShare = 0.9;       // of a pulse; at its end the wheel may stand
     static constexpr double kShortestFit_s = 0.010;
     static constexpr double kLongestPulse_s = 0.25;
     static constexpr double kPulseShare = 0.8;       // of the speed that may be reached: K7 is rough

@@ -22,6 +22,12 @@ inline constexpr bool kBare = false;
 // What a cycle computes in.
 using Real = std::conditional_t<kBare, float, double>;
 
+// No encoder tells fewer places of a wheel's turn: the Hall sensors of a wheel motor tell 90.
+inline constexpr double kCoarsestStep_rad = 6.283185307179586 / 64;
+// What a wheel whose encoder tells the truth has turned at most, while what is told has not changed by a
+// digit: a step, and where in a step it began.
+inline constexpr double kMostUnseen_rad = 1.5 * kCoarsestStep_rad;
+
 // One value per wheel.
 template <typename Real>
 struct WheelPair {

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "drivers/odrive/odrive_0_5_messages.hpp"
 #include "tests/m7/recording.hpp"
 #include "tools/sim/cycle_rig.hpp"
 #include "tools/sim/experiments.hpp"
@@ -26,8 +27,8 @@ class Recorder final : public tools::FrontBus {
     hal::CanStatus receive(hal::ReceivedFrame& out) override {
         const hal::CanStatus status = FrontBus::receive(out);
         if (status == hal::CanStatus::ok) {
-            constexpr std::uint32_t kEncoderEstimates = 0x09;
-            if (still && out.frame.id < 0x600 && (out.frame.id & 0x1FU) == kEncoderEstimates)
+            if (still && out.frame.id < protocol::EmergencyStop::id &&
+                (out.frame.id & 0x1FU) == drivers::odrive_0_5::GetEncoderEstimates::command)
                 out.frame.data = {};
             m7::Frame& frame = received.emplace_back();
             frame.time_ns = out.timestamp_ns;

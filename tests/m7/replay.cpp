@@ -1,10 +1,9 @@
 // Runs on a bare Cortex-M7 (or QEMU's mps2-an500): the firmware's cycle in float does again what a host has
 // recorded of it in double (recording.hpp), and is compared with it in every cycle. The record is where
 // QEMU's loader puts it. Also prints what the cycle needs of the machine: memory, worst stack, and
-// instructions, which
-// `-icount 10` makes countable: SysTick counts at 25 MHz, and each instruction takes 2^10 ns. Where the word
-// at kProfileSwitch is not zero, it says instead where the instructions are spent: SysTick interrupts some of
-// them.
+// instructions, which `-icount 10` makes countable: SysTick counts at 25 MHz, and each instruction takes
+// 2^10 ns. Where the word at kProfileSwitch is not zero, it says instead where the instructions are spent:
+// SysTick interrupts some of them.
 #include <algorithm>
 #include <array>
 #include <cmath>

@@ -22,7 +22,7 @@ constexpr double kGrace_s = 2 * kCycle_s;
 // A lie is believed for so long at most, by the bound for encoders; the robot may become so much quicker.
 constexpr double kBelieved_s = 0.1;
 // No encoder is farther from the truth than this: a step of the coarsest, and where in a step it began.
-constexpr double kCoarse_rad = 1.5 * control::kCoarsestStep_rad;
+constexpr double kCoarse_rad = kMostUnseen_rad;
 // Noise of set-points and observers.
 constexpr double kRoom = 0.05;
 
