@@ -20,6 +20,7 @@ struct Geometry {
     Real track_m{};                  // > 0, distance between the wheels' contact points
 
     template <typename Other>
+    // NOLINTNEXTLINE(google-explicit-constructor): clang-tidy 16 does not read the condition
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator Geometry<Other>() const {
         return {WheelPair<Other>(wheel_radius_m), Other(track_m)};
     }
@@ -35,6 +36,7 @@ struct Dynamics {
     Real k8_per_kg_m2{};
 
     template <typename Other>
+    // NOLINTNEXTLINE(google-explicit-constructor): clang-tidy 16 does not read the condition
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator Dynamics<Other>() const {
         return {Other(k5_m), Other(k6_per_m), Other(k7_per_kg_m), Other(k8_per_kg_m2)};
     }

@@ -48,12 +48,14 @@
 namespace wheelwright::model {
 
 // A text for people. A bare target has nobody to read it, and does not carry it.
+// NOLINTBEGIN(google-explicit-constructor): a literal becomes one
 struct NoText {
     constexpr NoText(const char*) {}
 };
 struct Words : std::conditional_t<kBare, NoText, std::string_view> {
     consteval Words(const char* text = "") : std::conditional_t<kBare, NoText, std::string_view>(text) {}
 };
+// NOLINTEND(google-explicit-constructor)
 
 struct EffectParameterInfo {
     std::string_view name;  // with its unit, as in the robot file

@@ -175,6 +175,7 @@ struct EffectSet {
     std::array<Parameters<Real>, kEffectCount> parameter{};
 
     template <typename Other>
+    // NOLINTNEXTLINE(google-explicit-constructor): clang-tidy 16 does not read the condition
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator EffectSet<Other>() const {
         EffectSet<Other> other{active, {}};
         for (std::size_t i = 0; i < kEffectCount; ++i) {

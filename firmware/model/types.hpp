@@ -35,6 +35,7 @@ struct WheelPair {
     Real right{};
 
     template <typename Other>
+    // NOLINTNEXTLINE(google-explicit-constructor): clang-tidy 16 does not read the condition
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator WheelPair<Other>() const {
         return {Other(left), Other(right)};
     }
@@ -49,6 +50,7 @@ struct Twist {
     Real omega_rad_per_s{};
 
     template <typename Other>
+    // NOLINTNEXTLINE(google-explicit-constructor): clang-tidy 16 does not read the condition
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator Twist<Other>() const {
         return {Other(v_m_per_s), Other(omega_rad_per_s)};
     }
@@ -69,6 +71,7 @@ struct Pose {
     Real heading_rad{};
 
     template <typename Other>
+    // NOLINTNEXTLINE(google-explicit-constructor): clang-tidy 16 does not read the condition
     explicit(sizeof(Other) < sizeof(Real)) constexpr operator Pose<Other>() const {
         return {Other(x_m), Other(y_m), Other(heading_rad)};
     }

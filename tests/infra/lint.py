@@ -98,7 +98,8 @@ def judge(cache, jobs, batches=()):
                 return
             objected = batch.objected(result.stdout)
             print(f"judged one by one: {', '.join(sorted(objected or batch.names))}", flush=True)
-            if not objected:
+            if not objected:  # a header, or files that do not go together
+                print(*result.stdout.splitlines()[:8], sep="\n", flush=True)
                 return
             batch.write([name for name in batch.names if name not in objected])
 

@@ -80,6 +80,20 @@ class Commands(unittest.TestCase):
         self.assertEqual(ctl.returncode, 0, out)
         self.assertRegex(out, "^state torque")
 
+    def test_ctl_asks_again_when_its_request_was_not_heard(self):
+        # As when another host has asked for something just before, with the counter that ctl begins with.
+        for alive in range(5):
+            self.rig.mode("idle")
+            self.rig.until(lambda: time.time() > self.rig.host.of("ModeCommand")[-1][0] + 0.55, "half a second later")
+            before = counters(self.rig, time.time())["RejectedAlive"]
+            subprocess.run(["cansend", "vcan0", f"601#{rig.DBC.sealed('ModeCommand', alive, Mode='idle').hex()}"], check=True)
+            ctl = subprocess.run([rig.wheelwright(), "ctl", "--can", "vcan0", "--alive", str(alive), "mode", "torque"],
+                                 capture_output=True, text=True, check=False)
+            self.assertEqual(ctl.returncode, 0, ctl.stderr)
+            if counters(self.rig, time.time())["RejectedAlive"] > before:
+                return
+        self.fail("ctl never came within half a second")
+
     def test_the_firmware_holds_little_memory(self):
         self.assertLess(self.rig.memory_MB(), 9)  # three stacks of 512 kB would be seen; 8 MB are wanted
 

@@ -47,8 +47,8 @@ class Link {
     int ask(protocol::Mode mode);
     // For who does not wait otherwise: until the mode that was asked for is on its way, or refused.
     void prove();
-    // Whether what blocks the mode that was asked for may pass. Asks again once the firmware hears drives
-    // that it did not hear when it was asked.
+    // Whether what blocks the mode that was asked for may pass. Asks again when the firmware did not hear the
+    // request, and once it hears drives that it did not hear when it was asked.
     bool keeps_trying(const protocol::Status& status);
     std::int64_t longest_arming_ns() const;
 
