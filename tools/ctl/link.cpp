@@ -133,9 +133,8 @@ bool Link::keeps_trying(const protocol::Status& status) {
     using protocol::Blocker;
     using protocol::DriveState;
     // No blocker: it was lost, or had the counter of another host's request just before.
-    const bool refused =
-        (status.blocker == Blocker::drives_not_armed || status.blocker == Blocker::none) &&
-        status.state == protocol::Mode::idle && status.requested != wanted_;
+    const bool refused = (status.blocker == Blocker::drives_not_armed || status.blocker == Blocker::none) &&
+                         status.state == protocol::Mode::idle && status.requested != wanted_;
     const bool heard = status.drive_left != DriveState::silent && status.drive_right != DriveState::silent;
     if (refused && heard && can_now_ns() > wanted_ns_ + kJudged_ns) return ask(wanted_) == kDone;
     if (status.blocker == Blocker::not_authenticated) {
