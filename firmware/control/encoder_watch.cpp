@@ -46,7 +46,7 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
             Real(full_rad_per_s2 * span_cycles * kCycle_s),
-            Real(identifying ? std::max(dry_Nm, 0.0) * kFrictionMayBeWrong : 0)};
+            Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0)};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -70,14 +70,13 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
     const WheelPair<Real> unexplained = observer.unexplained_acceleration();
     const bool left =
-        still(wheels_[0], angle_rad.left, told_ns[0], speed.left, unexplained.left, torque_Nm.left);
+        still(wheels_[0], angle_rad.left, told_ns[0], {speed.left, unexplained.left}, torque_Nm.left);
     const bool right =
-        still(wheels_[1], angle_rad.right, told_ns[1], speed.right, unexplained.right, torque_Nm.right);
+        still(wheels_[1], angle_rad.right, told_ns[1], {speed.right, unexplained.right}, torque_Nm.right);
     if (!left && !right) return false;
     const auto& radius_m = plant.geometry.wheel_radius_m;
     // A body that turns pulls at its wheels: that alone may hold one against full torque.
-    const auto holds_Nm = model_known ? model::inverse_dynamics(plant.dynamics, observer.motion().twist, {})
-                                      : WheelPair<Real>{};
+    const WheelPair<Real> holds_Nm = model::inverse_dynamics(plant.dynamics, observer.motion().twist, {});
     const bool left_lies = left && hidden(wheels_[0], elapsed_s, torque_Nm.left, holds_Nm.left, radius_m.left,
                                           plant, model_known);
     const bool right_lies = right && hidden(wheels_[1], elapsed_s, torque_Nm.right, holds_Nm.right,
@@ -86,25 +85,19 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
 }
 
 // Whether the angle is the same as before.
-bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
-                         Real unexplained_rad_per_s2, Real torque_Nm) {
+bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now,
+                         Real torque_Nm) {
     if (angle_rad == wheel.angle_rad) {
-        wheel.frames += told_ns != wheel.told_ns;
+        wheel.unseen.frames += told_ns != wheel.told_ns;
         wheel.told_ns = told_ns;
-        return wheel.frames >= 0;
+        return true;
     }
     wheel.angle_rad = angle_rad;
     wheel.torque_Nm = torque_Nm;
-    if (wheel.frames >= 0) {
-        wheel.frames = -1;
-        wheel.speed = wheel.unseen_rad = 0;
-        wheel.pushed_cycles = 0;
-    }
+    wheel.unseen = {};
     if (++wheel.history_age >= kHistoryCycles) {
-        wheel.speed_before = wheel.speed_lately;
-        wheel.speed_lately = speed_rad_per_s;
-        wheel.unexplained_before = wheel.unexplained_lately;
-        wheel.unexplained_lately = unexplained_rad_per_s2;
+        wheel.before = wheel.lately;
+        wheel.lately = now;
         wheel.history_age = 0;
     }
     return false;
@@ -113,28 +106,28 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, R
 // Whether a wheel whose angle stands still has gone too far unseen.
 bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
                           const PlantModel<Real>& plant, bool model_known) const {
+    Unseen& unseen = wheel.unseen;
     if (!model_known) {
-        const Real beyond_Nm = beyond_held_Nm(wheel, torque_Nm, 0, 0);
-        wheel.pushed_cycles = beyond_Nm != 0 ? wheel.pushed_cycles + 1 : 0;
-        return wheel.pushed_cycles >= kPushedCycles;
+        unseen.pushed_cycles = beyond_held_Nm(wheel, torque_Nm, 0, 0) != 0 ? unseen.pushed_cycles + 1 : 0;
+        return unseen.pushed_cycles >= kPushedCycles;
     }
     const Real forward = plant.dynamics.k7_per_kg_m / radius_m;
     const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
-    if (wheel.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
-        const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
-                            elapsed_s * Real(kHistoryCycles + wheel.history_age);
-        wheel.speed = std::max(std::abs(wheel.speed_before) - brakes, Real(0));
-        if (wheel.speed_before < 0) wheel.speed = -wheel.speed;
+    const Real before = wheel.before.speed_rad_per_s;
+    if (unseen.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
+        const Real brakes = kBrakesShare * settings_.full_rad_per_s *
+                            Real(kHistoryCycles + wheel.history_age) / Real(settings_.span_cycles);
+        unseen.speed_rad_per_s = std::copysign(std::max(std::abs(before) - brakes, Real(0)), before);
     }
     const Real beyond_Nm =
-        beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.unexplained_before / (2 * forward));
+        beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.before.unexplained_rad_per_s2 / (2 * forward));
     if (beyond_Nm != 0) {
-        wheel.speed += beyond_Nm * (forward + turning) * elapsed_s;
-    } else if (wheel.speed * torque_Nm < 0) {
-        wheel.speed = 0;
+        unseen.speed_rad_per_s += beyond_Nm * (forward + turning) * elapsed_s;
+    } else if (unseen.speed_rad_per_s * torque_Nm < 0) {
+        unseen.speed_rad_per_s = 0;
     }
-    wheel.unseen_rad += wheel.speed * elapsed_s;
-    return wheel.frames >= kFrames && !(std::abs(wheel.unseen_rad) <= kUnseen_rad);
+    unseen.angle_rad += unseen.speed_rad_per_s * elapsed_s;
+    return unseen.frames >= kFrames && !(std::abs(unseen.angle_rad) <= kUnseen_rad);
 }
 
 // What of a torque must turn the wheel.
@@ -142,8 +135,8 @@ Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds
     Real least = std::min(Real(0), holds_Nm);
     Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
-        const bool crept = std::max(std::abs(wheel.speed_before), std::abs(wheel.speed_lately)) <=
-                           settings_.creeping_rad_per_s;
+        const bool crept = std::max(std::abs(wheel.before.speed_rad_per_s),
+                                    std::abs(wheel.lately.speed_rad_per_s)) <= settings_.creeping_rad_per_s;
         const Real held_Nm = crept ? wheel.torque_Nm : 0;
         least = std::min({least, slope_Nm, held_Nm});
         most = std::max({most, slope_Nm, held_Nm});
@@ -256,17 +249,18 @@ bool EncoderWatch::against_push(const WheelPair<Real>& speed_rad_per_s, const Wh
     if (least_push_Nm_ < kBeyondFriction * settings_.known_friction_Nm ||
         size < kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s))
         return false;  // tells nothing
-    const std::array<Real, 2> share{told.left / push.left, told.right / push.right};
-    const bool turning = push.left * push.right < 0;
-    bool lies = false;
-    for (std::size_t i = 0; i < 2; ++i) {
-        int& cycles = against_push_cycles_[i];
-        const Real other = turning ? std::abs(share[1 - i]) : share[1 - i];
-        if (share[i] >= kGainOfPush) cycles = 0;
-        if (share[i] <= -kGainOfPush && other >= kGainOfPush) cycles += span_cycles_;
-        lies = lies || cycles >= kAgainstPushCycles;
-    }
-    return lies;
+    const Real left = told.left / push.left;
+    const Real right = told.right / push.right;
+    const bool turning = std::signbit(push.left) != std::signbit(push.right);
+    const auto lies = [this, turning](int& cycles, Real share, Real other) {
+        if (share >= kGainOfPush) cycles = 0;
+        if (share <= -kGainOfPush && (turning ? std::abs(other) : other) >= kGainOfPush)
+            cycles += span_cycles_;
+        return cycles >= kAgainstPushCycles;
+    };
+    const bool left_lies = lies(against_push_cycles_[0], left, right);
+    const bool right_lies = lies(against_push_cycles_[1], right, left);
+    return left_lies || right_lies;
 }
 
 }  // namespace wheelwright::control

@@ -63,16 +63,22 @@ class EncoderWatch {
     }
 
   private:
+    struct Motion {
+        Real speed_rad_per_s = 0;
+        Real unexplained_rad_per_s2 = 0;
+    };
+    struct Unseen {  // since the angle last changed
+        Real speed_rad_per_s = 0;
+        Real angle_rad = 0;
+        int frames = -1;  // with the same angle
+        int pushed_cycles = 0;
+    };
     struct Wheel {
         double angle_rad = 0;  // and the torque at its last change
         Real torque_Nm = 0;
-        Real speed = 0;  // unseen, since then
-        Real unseen_rad = 0;
         std::int64_t told_ns = 0;
-        int frames = -1;  // since then, with the same angle
-        int pushed_cycles = 0;
-        Real speed_before = 0, speed_lately = 0;  // 16 to 32 cycles ago, and up to 16
-        Real unexplained_before = 0, unexplained_lately = 0;
+        Unseen unseen;
+        Motion before, lately;  // 16 to 32 cycles ago, and up to 16; of those in which the angle changed
         int history_age = 0;
     };
     struct Instant {
@@ -82,8 +88,8 @@ class EncoderWatch {
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, Real speed_rad_per_s,
-                      Real unexplained_rad_per_s2, Real torque_Nm);
+    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now,
+                      Real torque_Nm);
     Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const;
     bool hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
                 const PlantModel<Real>& plant, bool model_known) const;

@@ -237,3 +237,682 @@ TEST(EncoderWatch, a_body_that_turns_and_an_unknown_friction_are_no_wrong_way) {
     unknown.lies(true, -1);
     LONGS_EQUAL(-1, unknown.drive(pushes(0.2 * kLimit_Nm, false), 150));
 }
+
+// A watch that is told what a table says, no robot between. Its robot's numbers are powers of two, so that
+// what a table says is met to the last digit.
+namespace {
+
+constexpr double kElapsed_s = 0x1p-10;
+constexpr double kUnseen_rad = 1.5 * 2 * bench::kPi / 64;
+constexpr WheelPair<double> kRadius_m{0.0625, 0.125};
+constexpr double kTrack_m = 0.5, kK7 = 0.5, kK8 = 4;
+constexpr WheelPair<double> kOwn_per_Nm{24, 12};  // rad/s^2 of a wheel by its own torque: K7 / r + K8 b / 2r
+constexpr EncoderWatchSettings kSettings{4, 1.25,  0.5,
+                                         8, 0.625, 0};  // limit, held, creeping, span, full, known
+constexpr double kBrakes_rad_per_s2 = 1.5 * 0.625 / 8;  // in a cycle: half more than full torque
+
+double& of(WheelPair<double>& pair, bool right) { return right ? pair.right : pair.left; }
+double of(const WheelPair<double>& pair, bool right) { return right ? pair.right : pair.left; }
+WheelPair<double> one(bool right, double its, double others) {
+    return right ? WheelPair<double>{others, its} : WheelPair<double>{its, others};
+}
+
+struct Cycle {
+    WheelPair<double> speed_rad_per_s, acting_Nm, unexplained_rad_per_s2, torque_Nm;
+    std::array<bool, 2> stands{};
+    std::array<bool, 2> old_frames{};
+};
+
+struct Told {
+    PlantModel<double> plant;
+    PlantModel<double> expects;  // the observer's, where it differs
+    EncoderWatch watch;
+    EncoderWatchSettings settings = kSettings;
+    WheelObserver<double> observer;
+    WheelObserverSettings<double> observed;
+    WheelPair<double> angle_rad{0.25, -0.75};
+    std::int64_t now_ns = 5'000'000'000;
+    std::array<std::int64_t, 2> told_ns{now_ns, now_ns};
+    bool known = true;
+    WheelPair<double> speed_rad_per_s;  // of the last span
+
+    explicit Told(const EncoderWatchSettings& of_watch = kSettings) : settings(of_watch) {
+        plant.geometry = {kRadius_m, kTrack_m};
+        plant.dynamics = {0, 0, kK7, kK8};
+        plant.effects = {};
+        expects = plant;
+        observed.cycle_s = observed.encoder_period_s = 1e-3;
+        observed.bandwidth_rad_per_s = 90;
+        observed.calm_acceleration_rad_per_s2 = 1e12;
+        observed.fastest_rad_per_s = 150;
+        observer.configure(observed);
+        watch.configure(settings);
+        watch.rest(angle_rad);
+    }
+
+    bool update(EncoderWatch& asked, const Cycle& c) {
+        // An observer takes over the speed of its first sample; what it does not explain comes of a second
+        // one.
+        const auto gains = observer_gains<double>(observed.bandwidth_rad_per_s, 1e-3);
+        const auto samples = [&](bool second, std::int64_t at_ns) {
+            std::array<EncoderSample, 2> to;
+            for (const bool right : {false, true}) {
+                const double off_rad = of(c.unexplained_rad_per_s2, right) / gains.error_per_s2;
+                const double first = of(c.speed_rad_per_s, right) - gains.speed_per_s * off_rad;
+                to[right] = {second ? first * 1e-3 + off_rad : 0, first, at_ns};
+            }
+            observer.update(at_ns, to[0], to[1], expects);
+        };
+        observer.reset();
+        if (c.unexplained_rad_per_s2.left != 0 || c.unexplained_rad_per_s2.right != 0) {
+            samples(false, now_ns - 1'000'000);
+            samples(true, now_ns);
+        } else {
+            observer.torque_sent(c.acting_Nm);
+            samples(false, now_ns);
+        }
+        return asked.update(kElapsed_s, angle_rad, told_ns, observer, c.torque_Nm, plant, known);
+    }
+
+    // True: an encoder is not believed.
+    bool cycle(const Cycle& c, bool look = true) {
+        now_ns += 1'000'000;
+        for (const std::size_t i : {0, 1})
+            if (!c.old_frames[i]) told_ns[i] = now_ns;
+        if (!c.stands[0]) angle_rad.left += 0.01;
+        if (!c.stands[1]) angle_rad.right -= 0.01;
+        const bool lies = update(watch, c);
+        if (look) watch.look(observer.motion().wheel_speed_rad_per_s, plant);
+        return lies;
+    }
+
+    // In how many such cycles it is not believed; 0: in none of `most`.
+    int cycles(const Cycle& c, int most) {
+        for (int n = 1; n <= most; ++n)
+            if (cycle(c)) return n;
+        return 0;
+    }
+
+    // The torques that make such accelerations.
+    WheelPair<double> torques_for(const WheelPair<double>& rad_per_s2) const {
+        const double v = (kRadius_m.right * rad_per_s2.right + kRadius_m.left * rad_per_s2.left) / 2;
+        const double omega =
+            (kRadius_m.right * rad_per_s2.right - kRadius_m.left * rad_per_s2.left) / kTrack_m;
+        const double sum = v / expects.dynamics.k7_per_kg_m,
+                     difference = omega / expects.dynamics.k8_per_kg_m2;
+        return {(sum - difference) / 2, (sum + difference) / 2};
+    }
+
+    // A span with these torques that ends at this speed. True: after it, an encoder is not believed.
+    bool pushed(const WheelPair<double>& ends_rad_per_s, const WheelPair<double>& acting_Nm, int cycles = 0) {
+        if (cycles == 0) cycles = settings.span_cycles;
+        speed_rad_per_s = ends_rad_per_s;
+        const Cycle c{speed_rad_per_s, acting_Nm, {}, {}};
+        for (int i = 1; i <= cycles; ++i) CHECK_FALSE(cycle(c, i == cycles));
+        EncoderWatch after = watch;
+        return update(after, c);
+    }
+    bool span(const WheelPair<double>& ends_rad_per_s, const WheelPair<double>& expected_gain,
+              int cycles = 0) {
+        const double by = 1 / (kElapsed_s * (cycles == 0 ? settings.span_cycles : cycles));
+        return pushed(ends_rad_per_s, torques_for({by * expected_gain.left, by * expected_gain.right}),
+                      cycles);
+    }
+    bool gains(const WheelPair<double>& told, const WheelPair<double>& expected, int cycles = 0) {
+        return span({speed_rad_per_s.left + told.left, speed_rad_per_s.right + told.right}, expected, cycles);
+    }
+    void spans(int count, const WheelPair<double>& rad_per_s) {
+        for (int i = 0; i < count; ++i) CHECK_FALSE(span(rad_per_s, {}));
+    }
+};
+
+// The first cycle after which sum(speed + a dt k) dt is too much unseen.
+int first_unseen(double speed_rad_per_s, double rad_per_s2) {
+    const double step = std::abs(rad_per_s2) * kElapsed_s * kElapsed_s;
+    const double start = std::abs(speed_rad_per_s) * kElapsed_s + step / 2;
+    const double n =
+        step > 0 ? (std::sqrt(start * start + 2 * step * kUnseen_rad) - start) / step : kUnseen_rad / start;
+    return static_cast<int>(std::floor(n)) + 1;
+}
+
+std::string name(bool right, double value) { return (right ? "right " : "left ") + std::to_string(value); }
+
+}  // namespace
+
+// Each wheel counts from its own last change, in the direction of the torque; what holds it is friction, what
+// held it when it crept to a stop, and what holds it against the body's own turning.
+TEST(EncoderWatch, a_wheel_that_its_torque_must_have_turned_too_far_is_seen_in_that_cycle) {
+    struct Row {
+        double torque_Nm, when_it_stopped_Nm, speed, beyond_Nm;
+    };
+    const Row rows[] = {
+        {2, 0, 0, 0.75},        {2, 0.5, 0, 0.25}, {2, 0.5, 0.5, 0.25}, {2, 0.5, 0.75, 0.75},
+        {2, -0.5, 0, 0.75},     {2.25, 0, 0, 1},   {1.25, 0, 0, 0},     {1.5, 0.25, 0, 0},
+        {2.875, 1.5, 0, 0.125}, {3, 1.5, 0, 1.75}, {4, 1.5, 0, 2.75},   {4, -1.5, 0, 2.75},
+        {0.5, 0, 0, 0},
+    };
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                Told t;
+                Cycle before{
+                    one(right, sign * row.speed, 7), {}, {}, one(right, sign * row.when_it_stopped_Nm, 3)};
+                LONGS_EQUAL(0, t.cycles(before, 32));
+                Cycle c{{}, {}, {}, one(right, sign * row.torque_Nm, -2)};
+                c.stands[right] = true;
+                const int expected =
+                    row.beyond_Nm > 0 ? first_unseen(0, of(kOwn_per_Nm, right) * row.beyond_Nm) : 0;
+                LONGS_EQUAL_TEXT(expected, t.cycles(c, 500), name(right, sign * row.torque_Nm).c_str());
+            }
+        }
+    }
+}
+
+// The speed of 16 to 32 cycles before it stood, less what half more than full torque brakes it by since then.
+TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_at_least) {
+    struct Row {
+        int cycles;  // with speed: 1 rad/s faster in each
+        double at_first, torque_Nm;
+        double speed_at;  // the cycle whose speed counts; 0: it may stand
+    };
+    const Row rows[] = {
+        {31, 40, 0, 0},   {32, 40, 0, 16}, {32, -12, 0, 16}, {40, -12, 0, 16},  {47, -12, 0, 16},
+        {48, -12, 0, 32}, {32, 4, 0, 16},  {32, 4, 1, 16},   {32, 4, -0.01, 0}, {32, -15, 0, 0},
+    };
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                Told t;
+                for (int i = 1; i <= row.cycles; ++i)
+                    CHECK_FALSE(t.cycle({one(right, sign * (row.at_first + i), 2), {}, {}, {}}));
+                Cycle c{{}, {}, {}, one(right, sign * row.torque_Nm, 0)};
+                c.stands[right] = true;
+                const double was = row.at_first + row.speed_at;
+                const double least = was - kBrakes_rad_per_s2 * (16 + row.cycles % 16);
+                const int expected = row.speed_at > 0 ? std::max(first_unseen(least, 0), 5) : 0;
+                LONGS_EQUAL_TEXT(expected, t.cycles(c, 500), name(right, sign * was).c_str());
+            }
+        }
+    }
+}
+
+// Five frames with one angle at least, however fast it was.
+TEST(EncoderWatch, the_same_frame_again_says_nothing_new) {
+    for (const bool right : {false, true}) {
+        Told t;
+        LONGS_EQUAL(0, t.cycles({one(right, 100, 2), {}, {}, {}}, 32));
+        Cycle c;
+        c.stands[right] = true;
+        for (int n = 1; n <= 13; ++n) {
+            c.old_frames[right] = n % 3 != 1;
+            LONGS_EQUAL_TEXT(n >= 13, t.cycle(c), std::to_string(n).c_str());
+        }
+    }
+}
+
+TEST(EncoderWatch, what_was_unseen_is_forgotten_when_the_angle_changes_or_nothing_drives) {
+    const int turned = first_unseen(0, kOwn_per_Nm.left * 0.75);
+    for (const bool rests : {false, true}) {
+        Told t;
+        if (rests) LONGS_EQUAL(0, t.cycles({{40, 40}, {}, {}, {1, 1}}, 48));
+        Cycle c{{}, {}, {}, {2, 0}, {true, false}};
+        if (!rests) LONGS_EQUAL(0, t.cycles(c, turned - 1));
+        if (rests) {
+            t.angle_rad = {-1.5, 3};
+            t.watch.rest(t.angle_rad);
+        } else {
+            CHECK_FALSE(t.cycle({}));
+        }
+        LONGS_EQUAL(turned, t.cycles(c, 500));
+    }
+}
+
+// A body that turns pulls at its wheels by K5 and K6, and a slope by what it did to the wheel while it
+// turned.
+TEST(EncoderWatch, a_turning_body_and_a_slope_may_hold_a_wheel) {
+    for (const bool right : {false, true}) {
+        for (const int sign : {1, -1}) {
+            for (const double torque_Nm : {2.875, 3.5}) {
+                Told t;
+                t.plant.dynamics.k5_m = 0.01;
+                t.plant.dynamics.k6_per_m = -0.8;
+                const WheelPair<double> speed{8, sign * 24.0};
+                const double v = (kRadius_m.right * speed.right + kRadius_m.left * speed.left) / 2;
+                const double omega = (kRadius_m.right * speed.right - kRadius_m.left * speed.left) / kTrack_m;
+                const double sum = -0.01 * omega * omega / kK7, difference = 0.8 * v * omega / kK8;
+                const double holds_Nm = (right ? sum + difference : sum - difference) / 2;
+                Cycle c{speed, {}, {}, one(right, sign * torque_Nm, 0)};
+                c.stands[right] = true;
+                const double beyond_Nm = torque_Nm - 1.25 - std::max(sign * holds_Nm, 0.0);
+                CHECK(std::abs(holds_Nm) > 0.2);
+                LONGS_EQUAL_TEXT(first_unseen(0, of(kOwn_per_Nm, right) * beyond_Nm), t.cycles(c, 500),
+                                 name(right, sign * torque_Nm).c_str());
+
+                Told s;
+                const double slope_Nm = 0.5, radius_m = of(kRadius_m, right);
+                Cycle turns{{}, {}, one(right, -sign * slope_Nm * 2 * kK7 / radius_m, -7), {}};
+                LONGS_EQUAL(0, s.cycles(turns, 32));
+                for (const int way : {1, -1}) {
+                    Cycle pushed{{}, {}, {}, one(right, way * sign * torque_Nm, 0)};
+                    pushed.stands[right] = true;
+                    const double more_Nm = torque_Nm - 1.25 - (way > 0 && torque_Nm < 3 ? slope_Nm : 0);
+                    LONGS_EQUAL_TEXT(first_unseen(0, of(kOwn_per_Nm, right) * more_Nm), s.cycles(pushed, 500),
+                                     name(right, sign * torque_Nm).c_str());
+                    CHECK_FALSE(s.cycle(turns));
+                }
+            }
+        }
+    }
+}
+
+TEST(EncoderWatch, without_a_model_80_cycles_in_a_row_of_more_than_friction_holds_are_too_many) {
+    for (const bool right : {false, true}) {
+        for (const int sign : {1, -1}) {
+            Told t;
+            t.known = false;
+            Cycle c{{}, {}, {}, one(right, sign * 1.5, 0)}, held = c;
+            c.stands[right] = held.stands[right] = true;
+            of(held.torque_Nm, right) = sign * 1.25;
+            LONGS_EQUAL(0, t.cycles(held, 200));
+            LONGS_EQUAL(0, t.cycles(c, 79));
+            CHECK_FALSE(t.cycle(held));
+            LONGS_EQUAL(0, t.cycles(c, 79));
+            CHECK_FALSE(t.cycle({}));
+            LONGS_EQUAL(0, t.cycles(c, 79));
+            t.watch.rest(t.angle_rad);
+            LONGS_EQUAL(80, t.cycles(c, 100));
+        }
+    }
+}
+
+TEST(EncoderWatch, both_encoders_that_leap_at_once_are_not_believed) {
+    for (const int leaps : {0, 1, 2, 3}) {  // bits: left, right
+        Told t;
+        WheelPair<double> told;
+        const auto next = [&] {
+            t.now_ns += 1'000'000;
+            t.observer.update(t.now_ns, {told.left, 0, t.now_ns}, {told.right, 0, t.now_ns}, t.plant);
+            return t.watch.update(kElapsed_s, told, {t.now_ns, t.now_ns}, t.observer, {}, t.plant, true);
+        };
+        t.observer.reset();
+        for (int i = 0; i < 10; ++i) {
+            told = {0.001 * i, 0.002 * i};
+            CHECK_FALSE(next());
+        }
+        told = {told.left + (leaps & 1 ? 2 : 0), told.right - (leaps & 2 ? 2 : 0)};
+        CHECK_FALSE(next());
+        LONGS_EQUAL(leaps == 3, next());
+    }
+}
+
+// Two spans in a row, against four spans before the second.
+TEST(EncoderWatch, a_speed_that_is_the_mirror_image_of_what_it_was_or_the_other_wheels_is_not_believed) {
+    struct Row {
+        WheelPair<double> was, told;
+        bool lies;
+    };
+    const double s = 4;
+    const Row rows[] = {
+        {{s, s}, {-s, s}, true},
+        {{s, 0}, {-s, 0}, true},
+        {{s, -s}, {-s, -s}, true},
+        {{s, s}, {-1.5 * s, s}, true},
+        {{s, s}, {-1.51 * s, s}, false},
+        {{s, s}, {-0.5 * s, s}, true},
+        {{s, s}, {-0.49 * s, s}, false},
+        {{s, s}, {-s, 1.5 * s}, true},
+        {{s, s}, {-s, 1.51 * s}, false},
+        {{s, s}, {-s, 0.5 * s}, true},
+        {{s, s}, {-s, 0.49 * s}, false},
+        {{s, s}, {-s, -s}, false},
+        {{2.5, 0}, {-2.5, 0}, true},
+        {{2.49, 0}, {-2.49, 0}, false},
+        {{-2.5, 1}, {2.5, 1}, true},
+        {{s, s}, {s, s}, false},
+        {{s, s}, {0, s}, false},
+        // exchanged: half of what lies between them counts
+        {{5, 0}, {0, 5}, true},
+        {{4.99, 0}, {0, 4.99}, false},
+        {{6, 1}, {1, 6}, true},
+        {{s, -s}, {-s, s}, true},
+        {{-7, -2}, {-2, -7}, true},
+        {{8, 0}, {2, 8}, true},
+        {{8, 0}, {2.01, 8}, false},
+        {{8, 0}, {0, 6}, true},
+        {{8, 0}, {0, 5.99}, false},
+        {{8, 0}, {-2, 8}, true},
+        {{8, 0}, {0, 10}, true},
+    };
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                const auto as = [&](const WheelPair<double>& speed) {
+                    return one(right, sign * speed.left, sign * speed.right);
+                };
+                Told t;
+                t.spans(70, as(row.was));
+                CHECK_FALSE(t.span(as(row.told), {}));
+                const std::string text =
+                    name(right, sign * row.told.left) + ", " + std::to_string(row.told.right);
+                LONGS_EQUAL_TEXT(row.lies, t.span(as(row.told), {}), text.c_str());
+                t.known = false;
+                EncoderWatch unknown = t.watch;
+                CHECK_FALSE(t.update(unknown, {}));
+                t.known = true;
+                t.watch.rest(t.angle_rad);
+                EncoderWatch rested = t.watch;
+                CHECK_FALSE(t.update(rested, {}));
+            }
+        }
+    }
+}
+
+TEST(EncoderWatch, a_lie_about_the_way_must_last_and_be_one) {
+    Told t;
+    t.spans(4, {4, 4});
+    CHECK_FALSE(t.span({-4, 4}, {}));  // one span alone
+    CHECK_FALSE(t.span({4, 4}, {}));
+    Told other;
+    other.spans(70, {4, 4});
+    CHECK_FALSE(other.span({-4, 4}, {}));
+    CHECK_FALSE(other.span({4, -4}, {}));
+    CHECK(other.span({4, -4}, {}));
+    // Five spans' ends are to be known, none from before a rest.
+    Told anew;
+    anew.spans(6, {4, -4});
+    anew.watch.rest(anew.angle_rad);
+    anew.spans(10, {-4, 4});
+    anew.watch.rest(anew.angle_rad);
+    anew.spans(3, {4, 4});
+    CHECK_FALSE(anew.span({-4, 4}, {}));
+    CHECK(anew.span({-4, 4}, {}));
+    // where nobody looks, the span is longer
+    Told slow;
+    slow.spans(5, {4, 4});
+    CHECK_FALSE(slow.span({-4, 4}, {}, 30));
+    CHECK(slow.span({-4, 4}, {}, 30));
+}
+
+// What is expected is what was, and what torque and inertia make of it.
+TEST(EncoderWatch, a_wheel_that_is_accelerated_from_rest_shows_the_wrong_way) {
+    struct Row {
+        double gain;  // in each span
+        int spans;
+    };
+    // three spans' gain is the last one's, and 2.5 is the least; then ten spans of 8 cycles against it
+    for (const Row& row : {Row{0.875, 4}, Row{0.8125, 10}, Row{0.375, 10}, Row{0.374, 0}}) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                Told t;
+                t.spans(6, {});
+                int seen = 0;
+                for (int n = 1; n <= 14 && seen == 0; ++n) {
+                    const double gain = sign * row.gain;
+                    if (t.gains(one(right, -gain, 0.5 * gain), one(right, gain, 0.5 * gain))) seen = n;
+                }
+                LONGS_EQUAL_TEXT(row.spans, seen, name(right, sign * row.gain).c_str());
+            }
+        }
+    }
+}
+
+// In a span: a, against what is expected; g, as expected; n, neither; o, the other wheel is not as expected;
+// t, too little.
+TEST(EncoderWatch, gains_of_speed_against_what_is_expected_add_up_to_80_cycles) {
+    struct Row {
+        const char* spans;
+        double share;  // of what is expected, so much
+        bool lies;
+    };
+    const Row rows[] = {
+        {"aaaaaaaaaa", 1, true},       {"aaaaaaaaa", 1, false},     {"aaaaaaaaata", 1, true},
+        {"aaaaanaaaaa", 1, true},      {"aaaaaoaaaa", 1, false},    {"aaaaagaaaaaaaaa", 1, false},
+        {"aaaaagaaaaaaaaaa", 1, true}, {"aaaaaaaaaa", 0.5, true},   {"aaaaaaaaaa", 0.49, false},
+        {"aaaaaaaaaa", 1.5, true},     {"aaaaaaaaaa", 1.51, false}, {"aaaaahaaaaaaaaa", 1, false},
+        {"aaaaaiaaaaa", 1, true},      {"rrrrrrrrrr", 1, true},     {"ssssssssss", 1, false},
+    };
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                const double e = sign * 0.5;
+                Told t;
+                t.spans(70, {});
+                bool lies = false;
+                for (const char* c = row.spans; *c != 0; ++c) {
+                    double told = -row.share * e, other = 0, expected = e;
+                    if (*c == 'g') told = e;
+                    if (*c == 'h') told = 0.5 * e;
+                    if (*c == 'i') told = 0.49 * e;
+                    if (*c == 'n') told = 0;
+                    if (*c == 'o') other = e;
+                    if (*c == 'r') other = 0.5 * e;
+                    if (*c == 's') other = 0.51 * e;
+                    if (*c == 't') told = expected = 0;
+                    lies = t.gains(one(right, told, other), one(right, expected, 0));
+                    CHECK(!lies || c[1] == 0);
+                }
+                LONGS_EQUAL_TEXT(row.lies, lies, (row.spans + name(right, row.share)).c_str());
+            }
+        }
+    }
+    // 79 cycles are too few after one that was right.
+    Told few;
+    few.spans(6, {});
+    CHECK_FALSE(few.gains({0.5, 0}, {0.5, 0}));
+    for (int n = 1; n <= 8; ++n) CHECK_FALSE(few.gains({-0.5, 0}, {0.5, 0}));
+    CHECK_FALSE(few.gains({-0.5, 0}, {0.5, 0}, 15));
+    CHECK(few.gains({-0.5, 0}, {0.5, 0}));
+    Told slow;
+    slow.spans(6, {});
+    for (int n = 1; n <= 4; ++n) LONGS_EQUAL(n == 4, slow.gains({-0.5, 0}, {0.5, 0}, 20));
+    Told forgets;
+    forgets.spans(6, {});
+    for (int n = 1; n < 10; ++n) CHECK_FALSE(forgets.gains({-0.5, 0}, {0.5, 0}));
+    forgets.watch.rest(forgets.angle_rad);
+    forgets.spans(6, forgets.speed_rad_per_s);
+    for (int n = 1; n <= 10; ++n) LONGS_EQUAL(n == 10, forgets.gains({-0.5, 0}, {0.5, 0}));
+}
+
+// Where it creeps or is noise, a speed says nothing. Noise is what the better of two wheels gains otherwise
+// than expected in a span, averaged: over all that were, then with the weight of 64.
+TEST(EncoderWatch, a_mirror_image_must_be_more_than_creeping_and_noise) {
+    EncoderWatchSettings creeps = kSettings;
+    creeps.creeping_rad_per_s = 1.5;
+    for (const double speed : {4.5, 4.49}) {
+        Told t(creeps);
+        t.spans(6, {speed, speed});
+        t.span({-speed, speed}, {});
+        LONGS_EQUAL(speed == 4.5, t.span({-speed, speed}, {}));
+    }
+    struct Row {
+        int quiet, noisy;
+        double weight;  // of the noise in the average
+    };
+    for (const Row& row : {Row{0, 10, 1}, Row{20, 40, 40.0 / 60}, Row{64, 50, 1 - std::pow(63.0 / 64, 50)}}) {
+        for (const double less : {1e-6, -1e-6}) {
+            Told t;
+            const double speed = 64, noise = speed / (5 * row.weight) * (1 - less);
+            t.spans(4 + row.quiet, {speed, speed});
+            bool lies = false;
+            for (int n = 1; n <= row.noisy; ++n) {
+                CHECK_FALSE(lies);
+                const double now = speed + (n % 2) * noise;  // four spans before the last: without
+                lies = t.span({n > row.noisy - 2 ? -now : now, now}, {});
+            }
+            LONGS_EQUAL_TEXT(less > 0, lies, std::to_string(row.noisy).c_str());
+        }
+    }
+}
+
+// Of 64 spans of noise, it decays by a 64th in each.
+TEST(EncoderWatch, gains_of_speed_must_be_more_than_noise) {
+    for (const bool by_pushes : {false, true}) {
+        for (const double less : {1e-6, -1e-6}) {
+            EncoderWatchSettings settings = kSettings;
+            if (by_pushes) settings.known_friction_Nm = 0.5;
+            Told t(settings);
+            if (by_pushes) t.expects.dynamics = {0, 0, kK7 / 2, kK8 / 2};
+            const double gain = by_pushes ? 0.046875 : 0.5;
+            const double noise = gain / 2 / std::pow(63.0 / 64, 5) * (1 - less);
+            t.spans(4, {});
+            for (int n = 1; n <= 64; ++n) CHECK_FALSE(t.span({(n % 2) * noise, (n % 2) * noise}, {}));
+            int seen = 0;
+            for (int n = 1; n <= 20 && seen == 0; ++n) {
+                const bool lies = by_pushes ? t.pushed({n * -0.046875, n * 0.0234375}, {0.75, 0.75})
+                                            : t.gains({-0.5, 0}, {0.5, 0});
+                if (lies) seen = n;
+            }
+            LONGS_EQUAL(5 + (by_pushes ? 4 : 9) + (less < 0), seen);
+        }
+    }
+}
+
+// Where friction is known: half more than it on both wheels in every cycle of a span, and a quarter of what
+// such torques alone would give. A span's letters: p, pushed; w, too weak in the first cycle, or v, in the
+// last one; g, this wheel goes with the push; n, it does neither.
+TEST(EncoderWatch,
+     a_wheel_that_goes_against_a_push_for_40_cycles_while_the_other_goes_with_it_is_not_believed) {
+    struct Row {
+        const char* spans;
+        double torque_Nm;
+        bool turning;
+        double share, others;  // of what the push gives
+        bool lies;
+    };
+    const Row rows[] = {
+        {"ppppp", 0.75, false, -0.25, 0.25, true},    {"pppp", 0.75, false, -0.25, 0.25, false},
+        {"pppppp", 0.74, false, -0.25, 0.25, false},  {"pppppp", 0.75, false, -0.24, 0.25, false},
+        {"pppppp", 0.75, false, -0.25, 0.24, false},  {"pppppp", 0.75, false, -0.25, -0.25, false},
+        {"ppppp", 0.75, true, -0.25, -0.25, true},    {"ppppp", 0.75, true, -0.25, 0.25, true},
+        {"pppppp", 0.75, true, -0.25, 0.24, false},   {"pppppp", 0.75, true, -0.25, -0.24, false},
+        {"pppppp", 0.75, true, 0.25, 0.25, false},    {"wppppp", 0.75, false, -0.25, 0.25, true},
+        {"vppppp", 0.75, false, -0.25, 0.25, true},   {"ppwppp", 0.75, false, -0.25, 0.25, true},
+        {"ppvppp", 0.75, false, -0.25, 0.25, true},   {"ppwpp", 0.75, false, -0.25, 0.25, false},
+        {"ppvpp", 0.75, false, -0.25, 0.25, false},   {"ppgpppp", 0.75, false, -0.25, 0.25, false},
+        {"ppgppppp", 0.75, false, -0.25, 0.25, true}, {"ppnppp", 0.75, false, -0.25, 0.25, true},
+        {"ppppp", 0.875, true, -0.25, 0.25, true},
+    };
+    EncoderWatchSettings settings = kSettings;
+    settings.known_friction_Nm = 0.5;
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                const double torque_Nm = sign * row.torque_Nm;
+                const WheelPair<double> acting = one(right, torque_Nm, row.turning ? -torque_Nm : torque_Nm);
+                const double span_s = 8 * kElapsed_s;
+                const WheelPair<double> push{span_s * (24 * acting.left - 8 * acting.right),
+                                             span_s * (12 * acting.right - 4 * acting.left)};
+                Told t(settings);
+                const double expected = std::abs(row.others);
+                t.expects.dynamics = {0, 0, expected * kK7, expected * kK8};
+                t.spans(70, {});
+                bool lies = false;
+                for (const char* c = row.spans; *c != 0; ++c) {
+                    const double share = *c == 'g' ? 0.25 : *c == 'n' ? 0 : row.share;
+                    const WheelPair<double> ends{
+                        t.speed_rad_per_s.left + (right ? row.others : share) * push.left,
+                        t.speed_rad_per_s.right + (right ? share : row.others) * push.right};
+                    const WheelPair<double> weak{acting.left * 0.9, acting.right};
+                    if (*c == 'w' || *c == 'v') {
+                        for (int i = 1; i <= 8; ++i)
+                            CHECK_FALSE(t.cycle({ends, i == (*c == 'w' ? 1 : 8) ? weak : acting, {}, {}}));
+                        t.speed_rad_per_s = ends;
+                    } else {
+                        lies = t.pushed(ends, acting);
+                    }
+                    CHECK(!lies || c[1] == 0);
+                }
+                LONGS_EQUAL_TEXT(row.lies, lies, (row.spans + name(right, torque_Nm)).c_str());
+            }
+        }
+    }
+    // What was counted is no more where friction is not known.
+    Told unknown(settings);
+    unknown.expects.dynamics = {0, 0, kK7 / 4, kK8 / 4};
+    unknown.spans(6, {});
+    for (int n = 1; n <= 4; ++n) CHECK_FALSE(unknown.pushed({n * -0.0234375, n * 0.01171875}, {0.75, 0.75}));
+    unknown.watch.configure(kSettings);
+    for (int n = 5; n <= 9; ++n) CHECK_FALSE(unknown.pushed({n * -0.0234375, n * 0.01171875}, {0.75, 0.75}));
+    // 39 cycles are too few after one that was right.
+    Told few(settings);
+    few.expects.dynamics = {0, 0, kK7 / 4, kK8 / 4};
+    few.spans(6, {});
+    const auto lies = [&](double left, int cycles) {
+        const double push = 0.75 * kElapsed_s * cycles;
+        return few.pushed({few.speed_rad_per_s.left + left * 16 * push, few.speed_rad_per_s.right + 2 * push},
+                          {0.75, 0.75}, cycles);
+    };
+    CHECK_FALSE(lies(0.25, 8));
+    for (int n = 1; n <= 3; ++n) CHECK_FALSE(lies(-0.25, 8));
+    CHECK_FALSE(lies(-0.25, 15));
+    CHECK(lies(-0.25, 8));
+}
+
+// A body that turns moves its wheels too, whichever wheel tells the truth: that must be less than half.
+TEST(EncoderWatch, a_push_says_nothing_where_a_turning_body_moves_the_wheels_as_much) {
+    EncoderWatchSettings settings = kSettings;
+    settings.known_friction_Nm = 0.5;
+    for (const double left : {6.0, -6.0}) {
+        for (const double by_k5 : {1.0, 0.0, 0.5}) {
+            for (const double scale : {0.93, 1.07}) {
+                const auto rim = [&](double of_left, double k5, double k6) {
+                    const double v = (0.125 * 8 + 0.0625 * of_left) / 2;
+                    const double omega = (0.125 * 8 - 0.0625 * of_left) / kTrack_m;
+                    return (std::abs(k5 * omega * omega) + std::abs(k6 * v * omega) * kTrack_m / 2) / 0.0625 *
+                           8 * kElapsed_s;
+                };
+                const auto most = [&](double k5, double k6) {
+                    return std::max(rim(6, k5, k6), rim(-6, k5, k6));
+                };
+                const double k6 = 3, half = 0.046875 / 2 * scale;
+                Told t(settings);
+                t.expects.dynamics = {0, 0, kK7 / 4, kK8 / 4};
+                const double as_was = most(by_k5, (by_k5 - 1) * k6);
+                t.plant.dynamics.k5_m = by_k5 * half / as_was;
+                t.plant.dynamics.k6_per_m = (by_k5 - 1) * k6 * half / as_was;
+                t.spans(70, {left, 8});
+                bool lies = false;
+                for (int n = 1; n <= 6 && !lies; ++n)
+                    lies = t.pushed({left - n * 0.0234375, 8 + n * 0.01171875}, {0.75, 0.75});
+                LONGS_EQUAL_TEXT(scale < 1, lies, std::to_string(by_k5).c_str());
+            }
+        }
+    }
+}
+
+TEST(EncoderWatch, its_settings_follow_from_the_robot) {
+    struct Row {
+        double friction_left_Nm, friction_right_Nm, k7, bandwidth;
+        double held_Nm, held_identifying_Nm, known_Nm;
+        int span;
+        double full;  // in a millisecond, rad/s
+    };
+    // 4 Nm, mean radius 0.08 m; K8 b / 2 = 0.6
+    const Row rows[] = {
+        {0.3, 0.2, 0.5, 100, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 10, 0.06},
+        {0.2, 0.3, 0.7, 69, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 14, 0.07},
+        {0, 0, 0.5, 40, 2 * 1.0 + 0.4, 2 * 1.0, 0, 20, 0.06},
+        {1.5, 0.2, 0.5, 500, 3, 3, 1.875, 6, 0.06},
+        {0.3, 0.2, 0.5, 160, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 6, 0.06},
+        {0.3, 0.2, 0.5, 150, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 7, 0.06},
+    };
+    for (const Row& row : rows) {
+        model::RobotParameters p = parameters();
+        p.geometry = {{0.06, 0.1}, 0.4};
+        p.dynamics.k7_per_kg_m = row.k7;
+        p.dynamics.k8_per_kg_m2 = 3;
+        p.safety.clear_speed_m_per_s = 0.05;
+        p.velocity_loop.observer_bandwidth_rad_per_s = row.bandwidth;
+        bench::set_coulomb(p, row.friction_left_Nm, row.friction_right_Nm);
+        for (const bool identifying : {false, true}) {
+            const EncoderWatchSettings to = encoder_watch_settings(p, identifying);
+            const int span = identifying ? 15 : row.span;
+            DOUBLES_EQUAL(kLimit_Nm, to.torque_limit_Nm, 1e-12);
+            DOUBLES_EQUAL(identifying ? row.held_identifying_Nm : row.held_Nm, to.held_Nm, 1e-12);
+            DOUBLES_EQUAL(0.625, to.creeping_rad_per_s, 1e-12);
+            LONGS_EQUAL(span, to.span_cycles);
+            DOUBLES_EQUAL(row.full * span, to.full_rad_per_s, 1e-12);
+            DOUBLES_EQUAL(identifying ? row.known_Nm : 0, to.known_friction_Nm, 1e-12);
+        }
+    }
+}
