@@ -1,7 +1,8 @@
-// record FILE [another]: a drive of the simulated robot, as recording.hpp says: identification, every law, a
-// model that adapts to a payload, a stop line, a drive's error. Until identification begins the encoders tell
-// their origin without noise: the excitation's seed is drawn from the last digits of the observer's angles,
-// which in float would be others. `another`: says of the robot that its track is longer by a thousandth.
+// record FILE SENT [another]: a drive of the simulated robot, as recording.hpp says: identification, every
+// law, a model that adapts to a payload, a stop line, a drive's error. Until identification begins the
+// encoders tell their origin without noise: the excitation's seed is drawn from the last digits of the
+// observer's angles, which in float would be others. `another`: says of the robot that its track is longer by
+// a thousandth.
 #include <cstdio>
 #include <fstream>
 #include <memory>
@@ -21,7 +22,7 @@ using protocol::Mode;
 class Recorder final : public tools::FrontBus {
   public:
     hal::CanStatus send(const hal::CanFrame& frame) override {
-        m7::mix(sent, frame);
+        sent.push_back(m7::frame_of(frame, now_ns));
         return FrontBus::send(frame);
     }
     hal::CanStatus receive(hal::ReceivedFrame& out) override {
@@ -30,22 +31,19 @@ class Recorder final : public tools::FrontBus {
             if (still && out.frame.id < protocol::EmergencyStop::id &&
                 (out.frame.id & 0x1FU) == drivers::odrive_0_5::GetEncoderEstimates::command)
                 out.frame.data = {};
-            m7::Frame& frame = received.emplace_back();
-            frame.time_ns = out.timestamp_ns;
-            frame.id = out.frame.id;
-            frame.length = out.frame.length;
-            for (std::size_t i = 0; i < frame.length; ++i) frame.data[i] = out.frame.data[i];
+            received.push_back(m7::frame_of(out.frame, out.timestamp_ns));
         }
         return status;
     }
     bool still = true;
-    std::uint32_t sent = 0;
-    std::vector<m7::Frame> received;
+    std::int64_t now_ns = 0;
+    std::vector<m7::Frame> received, sent;
 };
 
 class Drive {
   public:
-    Drive(const char* file, double track_factor) : file_(file, std::ios::binary) {
+    Drive(const char* file, const char* sent, double track_factor)
+        : file_(file, std::ios::binary), sent_(sent, std::ios::binary) {
         const tools::ExampleRobots robots = tools::example_robots(false);
         tools::RigOptions options;
         options.world = robots.world;
@@ -81,27 +79,29 @@ class Drive {
     bool end() {
         file_.seekp(0);
         put(beginning_);
-        return file_.good();
+        return file_.good() && sent_.flush().good();
     }
 
     void step() {
         bus_.received.clear();
+        bus_.sent.clear();
         m7::Told told;
         rig_->wake();
         told.time = rig_->time();
+        bus_.now_ns = told.time.scheduled_ns;
         told.stop_line = rig_->stop_line().read();
         rig_->think();
         m7::Outcome outcome = m7::outcome_of(rig_->cycle());
-        bus_.sent = outcome.sent;
         rig_->wait_for_sending();
         told.sending_ns = told.time.scheduled_ns + rig_->cycle().send_phase_ns();
         rig_->send();
-        outcome.sent = bus_.sent;
         outcome.state = task::CycleState::of(supervisor());
         told.received = static_cast<std::uint32_t>(bus_.received.size());
         put(told);
         put(outcome);
         for (const m7::Frame& frame : bus_.received) put(frame);
+        for (const m7::Frame& frame : bus_.sent)
+            sent_.write(reinterpret_cast<const char*>(&frame), sizeof(frame));
         ++beginning_.cycles;
     }
 
@@ -111,13 +111,14 @@ class Drive {
         file_.write(reinterpret_cast<const char*>(&value), sizeof(value));
     }
 
-    std::ofstream file_;
+    std::ofstream file_, sent_;
     m7::Beginning beginning_;
     Recorder bus_;
     std::unique_ptr<tools::CycleRig> rig_;
 };
 
-void drive(Drive& d) {
+// True: it went as it was to go, to the end.
+bool drive(Drive& d) {
     tools::SimulatedHost& host = d.host();
     d.run(200);
     protocol::IdentSettings settings;
@@ -143,21 +144,22 @@ void drive(Drive& d) {
     d.rig().stop_line().set(hal::LineLevel::active);
     d.run(20);
     d.rig().stop_line().set(hal::LineLevel::inactive);
-    for (int i = 0; i < 60; ++i) {  // cleared as soon as it stands
+    for (int i = 0; i < 300 && d.supervisor().mode() == Mode::fault; ++i) {  // cleared as soon as it stands
         host.clear_fault();
         d.run(10);
     }
     d.recover();
     d.enter(Mode::trajectory, 1000);
+    const bool drove = d.supervisor().mode() == Mode::trajectory;
     d.rig().world().left().raise_error(0x40);
     d.run(600);
+    return drove && d.supervisor().fault() == protocol::Fault::drive_error;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-    if (argc < 2) return 1;
-    Drive d(argv[1], argc > 2 ? 1.001 : 1);
-    drive(d);
-    return d.end() ? 0 : 2;
+    if (argc < 3) return 1;
+    Drive d(argv[1], argv[2], argc > 3 ? 1.001 : 1);
+    return drive(d) && d.end() ? 0 : 2;
 }

@@ -1,6 +1,8 @@
 // Cycles of the firmware as a host has recorded them, to be run again on another machine: what each was told,
 // and what came of it. Little-endian, with the alignment that x86-64 and Armv7-M share. A file is
 //     Beginning, the live parameters, and for each cycle its Told, its Outcome, and the frames it received
+// Beside it lies what was sent, by record and by replay: frames, with the scheduled time of the cycle that
+// sent each.
 #pragma once
 
 #include <array>
@@ -39,15 +41,14 @@ struct Outcome {
     Twist<double> twist;
     Pose<double> pose;
     double k7_per_kg_m = 0, k8_per_kg_m2 = 0;  // the controllers' model
-    std::uint32_t sent = 0x811C9DC5;           // identifiers of the frames sent, mixed: FNV-1a
     task::CycleState state;
 };
 
 static_assert(std::is_trivially_copyable_v<model::RobotParameters> && sizeof(Beginning) % 8 == 0 &&
               sizeof(model::RobotParameters) % 8 == 0 && sizeof(Frame) == 24 && sizeof(Told) == 48 &&
-              sizeof(Outcome) == 88);
+              sizeof(Outcome) == 80);
 
-// Of a cycle that has thought and not yet sent, but for what it sends and its state.
+// Of a cycle that has thought and not yet sent, but for its state.
 inline Outcome outcome_of(const task::Cycle& cycle) {
     const auto& k = cycle.control().plant().dynamics;
     Outcome outcome;
@@ -59,6 +60,13 @@ inline Outcome outcome_of(const task::Cycle& cycle) {
     return outcome;
 }
 
-inline void mix(std::uint32_t& ids, const hal::CanFrame& frame) { ids = (ids ^ frame.id) * 0x01000193; }
+inline Frame frame_of(const hal::CanFrame& from, std::int64_t time_ns) {
+    Frame frame;
+    frame.time_ns = time_ns;
+    frame.id = from.id;
+    frame.length = from.length;
+    for (std::size_t i = 0; i < frame.length && i < frame.data.size(); ++i) frame.data[i] = from.data[i];
+    return frame;
+}
 
 }  // namespace wheelwright::m7

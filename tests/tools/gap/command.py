@@ -1,6 +1,7 @@
 """`wheelwright gap` from outside, on candump logs that `wheelwright sim` wrote; and in the demo. Usage: command.py PROGRAM ROBOTS"""
 import json
 import os
+import random
 import re
 import subprocess
 import sys
@@ -125,6 +126,24 @@ class Candump(Rig):
             status, _, err = run("gap", self.write("more.csv", rows + "2,0\n"), learned, "--heldout", heldout, "--out",
                                  self.path("gap"))
             self.assertEqual(status == 1 and "the same log is learned from" in err, refused, (learned, heldout, err))
+
+    def test_torque_that_slows_and_speeds_that_are_noise_are_told_apart(self):
+        # A robot of 1.1 rad/s^2 a Nm at its wheels, in steps of torque both ways; wheels a little unlike.
+        def problem(sign, noise_rad_per_s):
+            random.seed(7)
+            rows, speed = ["t_s,tau_left_Nm,tau_right_Nm,omega_left_rad_s,omega_right_rad_s"], [0.0, 0.0]
+            for i in range(4000):
+                torque = [0.9 * (-1) ** (i // 90 % 2 + i // 370), 0.8 * (-1) ** (i // 110 % 2 + i // 290)]
+                seen = [one + random.gauss(0, noise_rad_per_s) for one in speed]
+                rows.append(",".join(f"{x:.6g}" for x in (0.01 * i, sign * torque[0], sign * torque[1], *seen)))
+                speed = [v + 0.01 * (1.1 * t - 0.8 * v) for v, t in zip(speed, torque)]
+            log = self.write("robot.csv", "\n".join(rows) + "\n")
+            status, _, err = run("gap", log, "--wheel-radius", "0.08", "--track", "0.4", "--out", self.path("gap"))
+            self.assertEqual(status, 2 if sign < 0 or noise_rad_per_s > 1 else 0, err)
+            return err
+        self.assertNotIn("torque", problem(1, 0.001))
+        self.assertIn("forward torque slows the robot down: is the sign of torque or speed wrong?", problem(-1, 0.001))
+        self.assertIn("what forward torque does is lost in the speeds' noise", problem(1, 20))
 
     def test_without_a_model_a_candump_log_is_refused(self):
         log = self.write("x.log", "(1.000000) can0 02E#0000000000000000\n")

@@ -6,6 +6,7 @@
 #include <span>
 #include <utility>
 
+#include "tools/cli/report.hpp"
 #include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/robots.hpp"
@@ -118,7 +119,14 @@ std::optional<std::string> Evaluations::first_model() {
     double& k7 = f.value(gain_of(kLinear));
     const double k8 = f.value(gain_of(kTurning));
     if (driving_ && !(k7 > 0)) {
-        return "forward torque slows the robot down: is the sign of torque or speed wrong?";
+        if (k7 < -kClear * f.error(gain_of(kLinear)))
+            return "forward torque slows the robot down: is the sign of torque or speed wrong?";
+        return "what forward torque does is lost in the speeds' noise, " +
+               tools::number_text(
+                   std::max(options_.overview.noise_rad_per_s.left, options_.overview.noise_rad_per_s.right),
+                   2) +
+               " rad/s beside an RMS of " + tools::number_text(options_.overview.speed_rms_rad_per_s, 2) +
+               " rad/s: drive faster, or record smoother speeds";
     }
     if (turning_ && !(k8 > kClear * f.error(gain_of(kTurning)))) {
         if (k8 < -kClear * f.error(gain_of(kTurning))) {
