@@ -416,8 +416,9 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
         double speed_at;  // the cycle whose speed counts; 0: it may stand
     };
     const Row rows[] = {
-        {31, 40, 0, 0},   {32, 40, 0, 16}, {32, -12, 0, 16}, {40, -12, 0, 16},  {47, -12, 0, 16},
-        {48, -12, 0, 32}, {32, 4, 0, 16},  {32, 4, 1, 16},   {32, 4, -0.01, 0}, {32, -15, 0, 0},
+        {31, 40, 0, 0},    {32, 40, 0, 16},  {32, -12, 0, 16},   {40, -12, 0, 16},
+        {47, -12, 0, 16},  {48, -12, 0, 32}, {32, 4, 0, 16},     {32, 4, 1, 16},
+        {32, 4, -0.01, 0}, {32, -15, 0, 0},  {32, -12, 1.5, 16},
     };
     for (const Row& row : rows) {
         for (const bool right : {false, true}) {
@@ -425,11 +426,15 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
                 Told t;
                 for (int i = 1; i <= row.cycles; ++i)
                     CHECK_FALSE(t.cycle({one(right, sign * (row.at_first + i), 2), {}, {}, {}}));
-                Cycle c{{}, {}, {}, one(right, sign * row.torque_Nm, 0)};
+                Cycle c{{}, {}, {}, one(right, sign * row.torque_Nm + 0.0, 0)};
                 c.stands[right] = true;
                 const double was = row.at_first + row.speed_at;
                 const double least = was - kBrakes_rad_per_s2 * (16 + row.cycles % 16);
-                const int expected = row.speed_at > 0 ? std::max(first_unseen(least, 0), 5) : 0;
+                const int expected =
+                    row.speed_at > 0 ? std::max(first_unseen(least, of(kOwn_per_Nm, right) *
+                                                                        std::max(row.torque_Nm - 1.25, 0.0)),
+                                                5)
+                                     : 0;
                 LONGS_EQUAL_TEXT(expected, t.cycles(c, 500), name(right, sign * was).c_str());
             }
         }
@@ -521,6 +526,13 @@ TEST(EncoderWatch, without_a_model_80_cycles_in_a_row_of_more_than_friction_hold
             LONGS_EQUAL(0, t.cycles(c, 79));
             t.watch.rest(t.angle_rad);
             LONGS_EQUAL(80, t.cycles(c, 100));
+            // The cycle of a change is none of them.
+            Cycle turns = c;
+            of(turns.torque_Nm, right) = sign * 3.5;
+            Cycle full = turns;
+            turns.stands[right] = false;
+            CHECK_FALSE(t.cycle(turns));
+            LONGS_EQUAL(80, t.cycles(full, 100));
         }
     }
 }
@@ -812,7 +824,7 @@ TEST(EncoderWatch,
                     const WheelPair<double> ends{
                         t.speed_rad_per_s.left + (right ? row.others : share) * push.left,
                         t.speed_rad_per_s.right + (right ? share : row.others) * push.right};
-                    const WheelPair<double> weak{acting.left * 0.9, acting.right};
+                    const WheelPair<double> weak{acting.left * 0.9, acting.right * 0.9};
                     if (*c == 'w' || *c == 'v') {
                         for (int i = 1; i <= 8; ++i)
                             CHECK_FALSE(t.cycle({ends, i == (*c == 'w' ? 1 : 8) ? weak : acting, {}, {}}));
