@@ -115,8 +115,8 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real hol
     const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
     const Real before = wheel.before.speed_rad_per_s;
     if (unseen.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
-        const Real brakes = kBrakesShare * settings_.full_rad_per_s *
-                            Real(kHistoryCycles + wheel.history_age) / Real(settings_.span_cycles);
+        const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
+                            elapsed_s * Real(kHistoryCycles + wheel.history_age);
         unseen.speed_rad_per_s = std::copysign(std::max(std::abs(before) - brakes, Real(0)), before);
     }
     const Real beyond_Nm =

@@ -249,7 +249,8 @@ constexpr double kTrack_m = 0.5, kK7 = 0.5, kK8 = 4;
 constexpr WheelPair<double> kOwn_per_Nm{24, 12};  // rad/s^2 of a wheel by its own torque: K7 / r + K8 b / 2r
 constexpr EncoderWatchSettings kSettings{4, 1.25,  0.5,
                                          8, 0.625, 0};  // limit, held, creeping, span, full, known
-constexpr double kBrakes_rad_per_s2 = 1.5 * 0.625 / 8;  // in a cycle: half more than full torque
+// In a cycle, half more than full torque of both wheels, by the plant: 1.5 K8 b / r 4 Nm.
+constexpr WheelPair<double> kBrakes_rad_per_s{1.5 * 32 * 4 * kElapsed_s, 1.5 * 16 * 4 * kElapsed_s};
 
 double& of(WheelPair<double>& pair, bool right) { return right ? pair.right : pair.left; }
 double of(const WheelPair<double>& pair, bool right) { return right ? pair.right : pair.left; }
@@ -416,8 +417,8 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
         double speed_at;  // the cycle whose speed counts; 0: it may stand
     };
     const Row rows[] = {
-        {31, 40, 0, 0},    {32, 40, 0, 16},  {32, -12, 0, 16},   {40, -12, 0, 16},
-        {47, -12, 0, 16},  {48, -12, 0, 32}, {32, 4, 0, 16},     {32, 4, 1, 16},
+        {31, 40, 0, 0},    {32, 40, 0, 16},  {32, -12, 0, 16},   {40, -8, 0, 16},
+        {47, -8, 0, 16},   {48, -12, 0, 32}, {32, 4, 0, 16},     {32, 4, 1, 16},
         {32, 4, -0.01, 0}, {32, -15, 0, 0},  {32, -12, 1.5, 16},
     };
     for (const Row& row : rows) {
@@ -429,7 +430,7 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
                 Cycle c{{}, {}, {}, one(right, sign * row.torque_Nm + 0.0, 0)};
                 c.stands[right] = true;
                 const double was = row.at_first + row.speed_at;
-                const double least = was - kBrakes_rad_per_s2 * (16 + row.cycles % 16);
+                const double least = was - of(kBrakes_rad_per_s, right) * (16 + row.cycles % 16);
                 const int expected =
                     row.speed_at > 0 ? std::max(first_unseen(least, of(kOwn_per_Nm, right) *
                                                                         std::max(row.torque_Nm - 1.25, 0.0)),
