@@ -66,6 +66,8 @@ bool Link::receive(hal::CanFrame& frame, std::int64_t deadline_ns) {
         frame = received.frame;
         if (frame.extended || frame.error || frame.remote) continue;
         if (const auto body = decoded<protocol::BodyState>(frame)) body_ = *body;
+        if (const auto status = decoded<protocol::Status>(frame); status && status->requested == wanted_)
+            taken_ = true;
         if (const auto error = decoded<protocol::DriveError>(frame)) errors_.take(*error);
         if (const auto challenge = decoded<protocol::ArmingChallenge>(frame);
             challenge && !answer(*challenge))
@@ -102,6 +104,7 @@ int Link::read_key() {
 int Link::ask(protocol::Mode mode) {
     wanted_ = mode;
     wanted_ns_ = can_now_ns();
+    taken_ = false;
     asked_.reset();
     if (code_ != nullptr && supervisor::drives(mode)) asked_ = mode;
     answered_ns_ = 0;
@@ -132,8 +135,10 @@ void Link::prove() {
 bool Link::keeps_trying(const protocol::Status& status) {
     using protocol::Blocker;
     using protocol::DriveState;
-    // No blocker: it was lost, or had the counter of another host's request just before.
-    const bool refused = (status.blocker == Blocker::drives_not_armed || status.blocker == Blocker::none) &&
+    // No blocker: it was lost, or had the counter of another host's request just before. What was requested
+    // for a moment has been taken back by another host, which has the last word.
+    const bool lost = status.blocker == Blocker::none && !taken_;
+    const bool refused = (status.blocker == Blocker::drives_not_armed || lost) &&
                          status.state == protocol::Mode::idle && status.requested != wanted_;
     const bool heard = status.drive_left != DriveState::silent && status.drive_right != DriveState::silent;
     if (refused && heard && can_now_ns() > wanted_ns_ + kJudged_ns) return ask(wanted_) == kDone;

@@ -112,6 +112,7 @@ class Link {
     std::string robot_;                             // the key's
     protocol::Mode wanted_ = protocol::Mode::idle;  // the mode last asked for, and when
     std::int64_t wanted_ns_ = 0;
+    bool taken_ = false;                   // the firmware has said since that this is the mode requested
     std::optional<protocol::Mode> asked_;  // the mode that a challenge is about
     protocol::ArmingChallenge answered_;   // the last one, and when
     std::int64_t answered_ns_ = 0;
