@@ -59,25 +59,39 @@ class Debugger:
     """Lets a controller say what QEMU's never does, for it knows no errors on its bus. The driver runs as it is; twice, when it asks the
     controller's registers, it is answered otherwise. GDB's remote protocol."""
     INTERRUPT, STATUS = 3, 2  # registers of an SJA1000
+    PC = 32  # of aarch64; 0..30 are x0..x30
 
     def __init__(self, folder):
         self.wire = socket.socket(socket.AF_UNIX)
         self.wire.connect(os.path.join(folder, "gdb"))  # and the machine stands still
+        self.heard = b""
         self.ask("qXfer:features:read:target.xml:0,fff")  # else it tells no single registers
 
-    def ask(self, text):
+    def send(self, text):
         self.wire.sendall(f"${text}#{sum(text.encode()) & 255:02x}".encode())
-        return self.answer()
 
-    def answer(self):
-        answer = b""
-        while not re.search(rb"\$[^#]*#..", answer):
+    def packet(self):
+        while not (whole := re.search(rb"\$([^#]*)#..", self.heard)):
             part = self.wire.recv(4096)
             if not part:
                 raise EOFError("the debugger's wire is cut")
-            answer += part
+            self.heard += part
+        self.heard = self.heard[whole.end():]
         self.wire.sendall(b"+")
-        return re.search(rb"\$([^#]*)#", answer)[1].decode()
+        return whole[1].decode()
+
+    def ask(self, text):
+        """The answer. That the machine stands ("T..") is told unasked, once the wire is taken."""
+        self.send(text)
+        while (answer := self.packet()).startswith("T"):
+            pass
+        return answer
+
+    def go(self, how):
+        """On, and until it stands again."""
+        self.send(how)
+        while not self.packet().startswith("T"):
+            pass
 
     def register(self, number):
         return int.from_bytes(bytes.fromhex(self.ask(f"p{number:x}")), "little")
@@ -85,7 +99,7 @@ class Debugger:
     def until(self, address):
         """Runs until it gets there."""
         self.ask(f"Z1,{address:x},4")
-        self.ask("c")
+        self.go("c")
         self.ask(f"z1,{address:x},4")
 
     def error(self, interface, handler, read, causes, status):
@@ -95,14 +109,14 @@ class Debugger:
             device = bytes.fromhex(self.ask(f"m{self.register(1):x},10"))  # its name comes first
             if device.split(b"\0")[0].decode() == interface:
                 break
-            self.ask("s")
+            self.go("s")
         for which, value in ((self.INTERRUPT, causes), (self.STATUS, status)):
             while True:
                 self.until(read)
                 if self.register(1) == which:
                     break
-                self.ask("s")
-            for number, content in ((0, value), (32, self.register(30))):  # what is returned, and to where
+                self.go("s")
+            for number, content in ((0, value), (self.PC, self.register(30))):  # what is returned, and to where
                 self.ask(f"P{number:x}={content.to_bytes(8, 'little').hex()}")
 
     def leave(self):

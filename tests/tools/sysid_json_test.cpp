@@ -167,6 +167,7 @@ TEST(SysIdJson, ARadiusThatIsNotTheFilesIsNoted) {
 
 TEST(SysIdJson, WhatIsWrongIsNamedWithItsRow) {
     expect_problem("{\"slow-forward\": [[1,2", 0, "is not JSON");
+    expect_problem("{\"slow-forward\": [[1e999,2,3,4,5,6,7,8,9]]}", 0, "number overflow parsing '1e999'");
     expect_problem("{\"a\": 1}", 0, "has no test of WPILib SysId, expected one of slow-forward");
     expect_problem("{\"slow-forward\": [[1,2,3,4,5,6,7,8,9],[1,2,3]]}", 2,
                    "slow-forward: found 3 numbers, expected a row of 9 (SysId) or 10 (frc-characterization)");

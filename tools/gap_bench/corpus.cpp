@@ -114,7 +114,7 @@ Corpus read_corpus(const std::string& folder, const std::vector<std::string>& on
     Json robots;
     try {
         robots = Json::parse(file);
-    } catch (const Json::parse_error& error) {
+    } catch (const Json::exception& error) {
         corpus.problems.push_back(list + ": is not JSON: " + error.what());
         return corpus;
     }

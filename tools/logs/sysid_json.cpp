@@ -57,7 +57,7 @@ class SysIdReader {
         Json file;
         try {
             file = Json::parse(text);
-        } catch (const Json::parse_error& error) {
+        } catch (const Json::exception& error) {  // a number may also be too large for a double
             logs_.problem(0, std::string("is not JSON: ") + error.what());
             return std::move(logs_);
         }
