@@ -97,6 +97,7 @@ class DynamicsEstimator {
             equation.monitor.reset(1 - std::min(Real(0.5), interval_s / options.excitation_memory_s), prior,
                                    size);
         }
+        influence_ = {};
         estimate_ = nothing_known<Real>(options.filter.effects.active);
         less_torque_ = false;
         rows_at_level_ = 0;
@@ -286,6 +287,18 @@ class DynamicsEstimator {
         Real variance() const { return score_power / (power * power); }
     };
 
+    // Of what two parameters err by.
+    struct Together {
+        Real product = 0, one = 0, other = 0;
+
+        void push(Real a, Real b) {
+            product += a * b;
+            one += a * a;
+            other += b * b;
+        }
+        Real correlation() const { return product == 0 ? Real(0) : product / std::sqrt(one * other); }
+    };
+
     struct Equation {
         NoisePower noise;
         std::array<Level, 2> level{};  // whole, less
@@ -297,9 +310,10 @@ class DynamicsEstimator {
         int run = 0;
         std::uint32_t runs = 0;
         Real torque_power = 0,
-             slow_power = 0;            // of the torque: sum of squares, and the slow torque's share in it
-        Real timing_power = 0;          // mean square of the timing columns
-        Real velocity_product_error{};  // standard errors
+             slow_power = 0;    // of the torque: sum of squares, and the slow torque's share in it
+        Real timing_power = 0;  // mean square of the timing columns
+        Real velocity_product_influence{};  // of the newest rows, over the parameter's variance
+        Real velocity_product_error{};      // standard errors
         Real mirrored_product_error{};
         Real torque_error{};
         Real cross_torque_error{};
@@ -407,6 +421,9 @@ class DynamicsEstimator {
     // Standard errors, and what the equation knows of the effects' parameters (first-order propagation).
     void refresh(Equation& equation) {
         equation.velocity_product_error = slow_error(equation, kVelocityProduct);
+        equation.velocity_product_influence =
+            equation.errors.influence(covariances(equation, kVelocityProduct)) /
+            equation.rls.variance(kVelocityProduct);
         equation.mirrored_product_error = slow_error(equation, kCrossProduct);
         equation.cross_torque_error = slow_error(equation, kCrossTorque);
         std::array<typename Errors::Vector, model::kMaxEstimatedColumns + 1>
@@ -511,6 +528,7 @@ class DynamicsEstimator {
                                 turning.monitor.excitation(kVelocityProduct, p.k6_per_m),
                                 linear.monitor.excitation(kTorque, p.k7_per_kg_m),
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
+        influence_.push(linear.velocity_product_influence, turning.velocity_product_influence);
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
         const auto widened = [&](const Equation& e, Real k) {
             const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
@@ -535,7 +553,8 @@ class DynamicsEstimator {
     // make power. So each equation measures what the other does, unless they disagree: then something is
     // missing. Of wheels that are unlike by a share r, with a centre of gravity beside the middle, the
     // relation is off by r (x8 / K8 - x7 / K7) with the cross torques' gains x7 and x8; r is not known, but
-    // not larger than both.
+    // not larger than both. Where one wheel is noisier than the other both equations err together, and their
+    // mean is worth less; that they err against each other is not believed, the correlation is too uncertain.
     void join_coupling() {
         constexpr Real kAgree = 3;  // standard errors
         model::Dynamics<Real>& k = estimate_.dynamics;
@@ -551,11 +570,14 @@ class DynamicsEstimator {
         const Real b = square(unit_m2 * e.k6_per_m);
         const Real relation =
             square(std::max(std::abs(unlike), std::abs(beside)) * (unlike - beside) * k.k5_m);
-        if (!(a > 0) || !(b > 0) || !(square(apart_m) <= square(kAgree) * (a + b + relation))) return;
-        k.k5_m -= apart_m * a / (a + b + relation);
-        k.k6_per_m = (turning_m + apart_m * b / (a + b + relation)) / unit_m2;
-        e.k5_m = std::sqrt(a * (b + relation) / (a + b + relation));
-        e.k6_per_m = std::sqrt(b * (a + relation) / (a + b + relation)) / std::abs(unit_m2);
+        const Real shared = std::max(-influence_.correlation(), Real(0)) * std::sqrt(a * b);  // unit_m2 < 0
+        const Real all = a + b + relation;
+        if (!(a > 0) || !(b > 0) || !(square(apart_m) <= square(kAgree) * all)) return;
+        k.k5_m -= apart_m * a / all;
+        k.k6_per_m = (turning_m + apart_m * b / all) / unit_m2;
+        const Real widened = 1 + 2 * shared / all;
+        e.k5_m = std::sqrt(widened * a * (b + relation) / all);
+        e.k6_per_m = std::sqrt(widened * b * (a + relation) / all) / std::abs(unit_m2);
     }
 
     void publish_effects() {
@@ -599,6 +621,7 @@ class DynamicsEstimator {
     double sample_time_s_{}, delay_s_{};
     RegressionFilter<Real, kTaps> filter_;
     std::array<Equation, 2> equation_{};
+    Together influence_;  // on K5 and K6
     std::array<ColumnPlace, model::kMaxEstimatedColumns> places_{};
     int columns_ = 0;
     Real timing_memory_rows_ = 1;

@@ -91,6 +91,13 @@ class ScoreErrors {
         return sum;
     }
 
+    // What the newest rows move a^T theta by, given Pa: their smoothed scores, whose power is the density.
+    Real influence(const Vector& p_a) const {
+        Real sum = 0;
+        for (int i = 0; i < size_; ++i) sum += p_a[index(i)] * poles_.back()[index(i)];
+        return sum;
+    }
+
   private:
     static constexpr std::uint32_t kSettle = 8;  // rows for each parameter
     static constexpr Real kFewestFreedoms = 6;
