@@ -36,16 +36,13 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     constexpr int kGentleSpan_cycles = 15;
     const int span_cycles = identifying ? kGentleSpan_cycles
                                         : std::clamp(static_cast<int>(std::lround(span_s / kCycle_s)), 6, 20);
-    const double rim_per_Nm =
-        2 * std::max(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
-    const double full_rad_per_s2 = rim_per_Nm * limit_Nm / from.geometry.mean_radius_m();
     const double held_Nm =
         std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
     return {Real(limit_Nm),
             Real(held_Nm),
             Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
-            Real(full_rad_per_s2 * span_cycles * kCycle_s),
+            Real(limit_Nm * span_cycles * kCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0)};
 }
 
@@ -148,6 +145,9 @@ Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds
 bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant) {
     span_cycles_ = cycles_;
     cycles_ = 0;
+    const Real rim_per_Nm =
+        2 * std::max(plant.dynamics.k7_per_kg_m, plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / 2);
+    full_rad_per_s_ = rim_per_Nm * settings_.full_Nm_s / plant.geometry.mean_radius_m();
     newest_ = (newest_ + 1) % kInstants;
     instants_[newest_] = {speed_rad_per_s, expected_rad_per_s_};
     instants_known_ = std::min(instants_known_ + 1, int(kInstants));
@@ -177,7 +177,7 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const Real least = std::max({kSpans * settings_.full_rad_per_s, kBeyondNoise * unexpected_rad_per_s_,
+    const Real least = std::max({kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_,
                                  kBeyondCreeping * settings_.creeping_rad_per_s});
     const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const Real right =
@@ -201,7 +201,7 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told) {
     const Real size = std::abs(expected.left);
     int& cycles = against_cycles_[wheel];
-    if (size < std::max(kGainShare * settings_.full_rad_per_s, kGainBeyondNoise * unexpected_rad_per_s_))
+    if (size < std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * unexpected_rad_per_s_))
         return false;  // tells nothing
     if (std::abs(told.left - expected.left) <= kLikeness * size) {
         cycles = 0;

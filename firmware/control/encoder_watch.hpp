@@ -36,7 +36,7 @@ struct EncoderWatchSettings {
     Real held_Nm{};  // friction may hold it without motion
     Real creeping_rad_per_s{};
     int span_cycles{};         // the observer follows within some of these
-    Real full_rad_per_s{};     // what full torque on both wheels makes of a wheel's speed in one
+    Real full_Nm_s{};          // full torque, for one span
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
 };
 
@@ -107,6 +107,7 @@ class EncoderWatch {
     std::array<Instant, kInstants> instants_;
     std::size_t newest_ = 0;
     int instants_known_ = 0;
+    Real full_rad_per_s_ = 0;        // what full torque on both wheels makes of a wheel's speed in a span
     Real unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};

@@ -124,8 +124,9 @@ class Probe {
     bool finished() const { return stage_ == Stage::done; }
     const ProbeFindings& findings() const { return found_; }
 
-    // A wheel that runs away from a push that hardly moves the other one has no floor below it. none: the
-    // robot is pushed as a whole, or not at all.
+    // A wheel that runs away from a push that hardly moves the other one: where that ends the probe, there is
+    // likely no floor below it. (A weak drive with a centre of gravity beside the middle may do that as well,
+    // so it ends nothing by itself.) none: the robot is pushed as a whole, or not at all.
     IdentCause wheel_running_free() const {
         const bool pushing = (stage_ == Stage::forward || stage_ == Stage::turning) && leg_ == 0;
         if (!pushing || !pushed_well()) return IdentCause::none;
@@ -390,10 +391,11 @@ class Probe {
         if (leg_ == 0) {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
             const bool quick = quick_cycles_ >= kQuickCycles;
-            if (gentle_ > kMostHalvings) return end(IdentCause::no_room);
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
-                if (wheel_running_free() != IdentCause::none) return end(wheel_running_free());
                 if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
+                    if (gentle_ == 0) too_quick_ = wheel_running_free();
+                    if (gentle_ == kMostHalvings)
+                        return end(too_quick_ != IdentCause::none ? too_quick_ : IdentCause::no_room);
                     push_Nm_ = std::max(push_Nm_ / 2,
                                         1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
                     ++gentle_;
@@ -440,9 +442,6 @@ class Probe {
             found_.friction_Nm = both > 0 ? std::max(0.0, -slowed / both) : 0;
             k7_per_kg_m_ = both / 2;
             pushed_well_ = pushed_well();
-            const double error = kSure * std::max(forward_error_.left, forward_error_.right);
-            const IdentCause fault = runs_free({d.left + error, d.right + error});
-            if (fault != IdentCause::none) return end(fault);
         } else {
             pushed_well_ = pushed_well_ && pushed_well();
             const double k8 = (d.right - d.left) / 2 / options_.geometry.track_m;
@@ -656,6 +655,7 @@ class Probe {
     std::array<Mean, 2> answered_{};
     std::array<std::array<Mean, 2>, 2> slowed_{};  // pushes forward and turning, each wheel
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
+    IdentCause too_quick_ = IdentCause::none;  // of the first push that was too quick to be seen
     Stage stage_before_ = Stage::done;
     double level_Nm_ = 0;  // of the whole pulses
     double first_level_Nm_ = 0;

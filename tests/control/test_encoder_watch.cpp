@@ -247,8 +247,8 @@ constexpr double kUnseen_rad = 1.5 * 2 * bench::kPi / 64;
 constexpr WheelPair<double> kRadius_m{0.0625, 0.125};
 constexpr double kTrack_m = 0.5, kK7 = 0.5, kK8 = 4;
 constexpr WheelPair<double> kOwn_per_Nm{24, 12};  // rad/s^2 of a wheel by its own torque: K7 / r + K8 b / 2r
-constexpr EncoderWatchSettings kSettings{4, 1.25,  0.5,
-                                         8, 0.625, 0};  // limit, held, creeping, span, full, known
+// limit, held, creeping, span, full, known; full torque makes 0.625 rad/s, by K8 b / 2
+constexpr EncoderWatchSettings kSettings{4, 1.25, 0.5, 8, 0.625 * 0.09375 / 2, 0};
 // In a cycle, half more than full torque of both wheels, by the plant: 1.5 K8 b / r 4 Nm.
 constexpr WheelPair<double> kBrakes_rad_per_s{1.5 * 32 * 4 * kElapsed_s, 1.5 * 16 * 4 * kElapsed_s};
 
@@ -646,6 +646,24 @@ TEST(EncoderWatch, a_lie_about_the_way_must_last_and_be_one) {
     CHECK(slow.span({-4, 4}, {}, 30));
 }
 
+// Which is by the plant that is driven: by K7 as well as by K8 b / 2.
+TEST(EncoderWatch, a_mirror_image_must_be_more_than_full_torque_makes) {
+    for (const double k7 : {0.5, 1.0, 2.0}) {
+        for (const double k8 : {2.0, 4.0, 12.0}) {
+            const double least = 2.5 * std::max(k7, k8 / 4);
+            for (const double speed : {least, 0.999 * least}) {
+                Told t;
+                t.plant.dynamics = {0, 0, k7, k8};
+                t.settings.creeping_rad_per_s = 0;
+                t.watch.configure(t.settings);
+                t.spans(6, {speed, speed});
+                CHECK_FALSE(t.span({-speed, speed}, {}));
+                LONGS_EQUAL_TEXT(speed == least, t.span({-speed, speed}, {}), std::to_string(speed).c_str());
+            }
+        }
+    }
+}
+
 // What is expected is what was, and what torque and inertia make of it.
 TEST(EncoderWatch, a_wheel_that_is_accelerated_from_rest_shows_the_wrong_way) {
     struct Row {
@@ -895,25 +913,22 @@ TEST(EncoderWatch, a_push_says_nothing_where_a_turning_body_moves_the_wheels_as_
 
 TEST(EncoderWatch, its_settings_follow_from_the_robot) {
     struct Row {
-        double friction_left_Nm, friction_right_Nm, k7, bandwidth;
+        double friction_left_Nm, friction_right_Nm, bandwidth;
         double held_Nm, held_identifying_Nm, known_Nm;
         int span;
-        double full;  // in a millisecond, rad/s
     };
-    // 4 Nm, mean radius 0.08 m; K8 b / 2 = 0.6
+    // 4 Nm, mean radius 0.08 m
     const Row rows[] = {
-        {0.3, 0.2, 0.5, 100, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 10, 0.06},
-        {0.2, 0.3, 0.7, 69, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 14, 0.07},
-        {0, 0, 0.5, 40, 2 * 1.0 + 0.4, 2 * 1.0, 0, 20, 0.06},
-        {1.5, 0.2, 0.5, 500, 3, 3, 1.875, 6, 0.06},
-        {0.3, 0.2, 0.5, 160, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 6, 0.06},
-        {0.3, 0.2, 0.5, 150, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 7, 0.06},
+        {0.3, 0.2, 100, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 10},
+        {0.2, 0.3, 69, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 14},
+        {0, 0, 40, 2 * 1.0 + 0.4, 2 * 1.0, 0, 20},
+        {1.5, 0.2, 500, 3, 3, 1.875, 6},
+        {0.3, 0.2, 160, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 6},
+        {0.3, 0.2, 150, 2 * 0.375 + 0.4, 2 * 0.375, 0.375, 7},
     };
     for (const Row& row : rows) {
         model::RobotParameters p = parameters();
         p.geometry = {{0.06, 0.1}, 0.4};
-        p.dynamics.k7_per_kg_m = row.k7;
-        p.dynamics.k8_per_kg_m2 = 3;
         p.safety.clear_speed_m_per_s = 0.05;
         p.velocity_loop.observer_bandwidth_rad_per_s = row.bandwidth;
         bench::set_coulomb(p, row.friction_left_Nm, row.friction_right_Nm);
@@ -924,7 +939,7 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
             DOUBLES_EQUAL(identifying ? row.held_identifying_Nm : row.held_Nm, to.held_Nm, 1e-12);
             DOUBLES_EQUAL(0.625, to.creeping_rad_per_s, 1e-12);
             LONGS_EQUAL(span, to.span_cycles);
-            DOUBLES_EQUAL(row.full * span, to.full_rad_per_s, 1e-12);
+            DOUBLES_EQUAL(1e-3 * kLimit_Nm * span, to.full_Nm_s, 1e-12);
             DOUBLES_EQUAL(identifying ? row.known_Nm : 0, to.known_friction_Nm, 1e-12);
         }
     }
