@@ -42,7 +42,7 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             Real(held_Nm),
             Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
-            Real(limit_Nm * span_cycles * kCycle_s),
+            Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0)};
 }
 
@@ -145,9 +145,9 @@ Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds
 bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant) {
     span_cycles_ = cycles_;
     cycles_ = 0;
-    const Real rim_per_Nm =
-        2 * std::max(plant.dynamics.k7_per_kg_m, plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / 2);
-    full_rad_per_s_ = rim_per_Nm * settings_.full_Nm_s / plant.geometry.mean_radius_m();
+    const auto& k = plant.dynamics;
+    full_rad_per_s_ =
+        std::max(k.k7_per_kg_m, k.k8_per_kg_m2 * plant.geometry.track_m / 2) * settings_.full_impulse_Ns;
     newest_ = (newest_ + 1) % kInstants;
     instants_[newest_] = {speed_rad_per_s, expected_rad_per_s_};
     instants_known_ = std::min(instants_known_ + 1, int(kInstants));

@@ -36,7 +36,7 @@ struct EncoderWatchSettings {
     Real held_Nm{};  // friction may hold it without motion
     Real creeping_rad_per_s{};
     int span_cycles{};         // the observer follows within some of these
-    Real full_Nm_s{};          // full torque, for one span
+    Real full_impulse_Ns{};    // of both rims by full torque, in one span
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
 };
 

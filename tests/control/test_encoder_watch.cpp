@@ -248,7 +248,7 @@ constexpr WheelPair<double> kRadius_m{0.0625, 0.125};
 constexpr double kTrack_m = 0.5, kK7 = 0.5, kK8 = 4;
 constexpr WheelPair<double> kOwn_per_Nm{24, 12};  // rad/s^2 of a wheel by its own torque: K7 / r + K8 b / 2r
 // limit, held, creeping, span, full, known; full torque makes 0.625 rad/s, by K8 b / 2
-constexpr EncoderWatchSettings kSettings{4, 1.25, 0.5, 8, 0.625 * 0.09375 / 2, 0};
+constexpr EncoderWatchSettings kSettings{4, 1.25, 0.5, 8, 0.625, 0};
 // In a cycle, half more than full torque of both wheels, by the plant: 1.5 K8 b / r 4 Nm.
 constexpr WheelPair<double> kBrakes_rad_per_s{1.5 * 32 * 4 * kElapsed_s, 1.5 * 16 * 4 * kElapsed_s};
 
@@ -939,7 +939,7 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
             DOUBLES_EQUAL(identifying ? row.held_identifying_Nm : row.held_Nm, to.held_Nm, 1e-12);
             DOUBLES_EQUAL(0.625, to.creeping_rad_per_s, 1e-12);
             LONGS_EQUAL(span, to.span_cycles);
-            DOUBLES_EQUAL(1e-3 * kLimit_Nm * span, to.full_Nm_s, 1e-12);
+            DOUBLES_EQUAL(0.1 * span, to.full_impulse_Ns, 1e-12);  // 2 * 4 / 0.08 N
             DOUBLES_EQUAL(identifying ? row.known_Nm : 0, to.known_friction_Nm, 1e-12);
         }
     }
