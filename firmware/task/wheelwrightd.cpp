@@ -125,6 +125,16 @@ bool is_taken(hal::CanBus& bus, hal::Clock& clock, std::int64_t end_ns) {
     }
 }
 
+using OpenedBus = hal::Result<std::unique_ptr<hal::SocketCanBus>>;
+
+// Hears from here on who speaks there already; what else it shall hear is not known yet.
+OpenedBus listen(const std::string& interface) {
+    constexpr hal::CanFilter kStatus{protocol::Status::id, 0x7FF, false};
+    auto bus = hal::SocketCanBus::open(interface);
+    if (bus) bus.value()->set_filters({&kStatus, 1});
+    return bus;
+}
+
 std::string taken_text(const std::string& interface) {
     return "another wheelwrightd drives a robot on " + interface +
            " (its Status frames, 0x620, are heard); end it first, or give this one another interface";
@@ -270,6 +280,14 @@ task::BoxAbout about_box(const Options& options, const task::CyclePorts& ports,
 
 int run(const Options& options) {
     ignore_broken_pipes();
+    // First, as it takes time, in which the rest is made ready. What is wrong with them is said when it is
+    // their turn.
+    const bool shared = options.host_can.empty() || options.host_can == options.can;
+    auto opened = listen(options.can);
+    auto host_opened = shared ? OpenedBus(nullptr) : listen(options.host_can);
+    hal::MonotonicClock clock;
+    const std::int64_t listened_ns = clock.now_ns() + kListen_ns;
+
     const task::RobotFileResult file = task::read_robot_file(options.config);
     for (const task::Diagnostic& problem : file.problems) {
         std::fprintf(stderr, "%s\n", task::to_text(problem).c_str());
@@ -279,7 +297,6 @@ int run(const Options& options) {
         std::fprintf(stderr, "wheelwrightd: note: %s: %s\n", note.key.c_str(), note.message.c_str());
     }
     model::RobotParameters parameters = file.robot->parameters;
-    const bool shared = options.host_can.empty() || options.host_can == options.can;
     const std::string refusal = task::bus_refusal(task::bus_plan(parameters), parameters, shared);
     if (!refusal.empty()) return fail(kUsage, refusal);
 
@@ -293,21 +310,16 @@ int run(const Options& options) {
     std::unique_ptr<hal::DigitalOutput> enable_line;
     if (const int status = open_lines(*file.robot, stop_line, enable_line); status != kDone) return status;
 
-    auto drive_bus = hal::SocketCanBus::open(options.can);
-    if (!drive_bus) return fail(drive_bus.error().exit_status(), drive_bus.error().message);
+    int status = kDone;
+    std::unique_ptr<hal::SocketCanBus> drive_bus;
     std::unique_ptr<hal::SocketCanBus> host_bus;
-    if (!shared) {
-        auto opened = hal::SocketCanBus::open(options.host_can);
-        if (!opened) return fail(opened.error().exit_status(), opened.error().message);
-        host_bus = std::move(opened.value());
-        set_filters(*host_bus, parameters, false, true);
-    }
-    set_filters(*drive_bus.value(), parameters, true, shared);
+    if (!take(std::move(opened), drive_bus, status)) return status;
+    if (!take(std::move(host_opened), host_bus, status)) return status;
+    if (host_bus) set_filters(*host_bus, parameters, false, true);
+    set_filters(*drive_bus, parameters, true, shared);
     auto watch_bus = hal::SocketCanBus::open(options.can);  // of its own, for when the cycle hangs
     if (!watch_bus) return fail(watch_bus.error().exit_status(), watch_bus.error().message);
     watch_bus.value()->set_filters({});
-    hal::MonotonicClock clock;
-    const std::int64_t listened_ns = clock.now_ns() + kListen_ns;  // while the rest is made ready
 
     drivers::DriveSlot left_slot;
     drivers::DriveSlot right_slot;
@@ -318,8 +330,8 @@ int run(const Options& options) {
     }
 
     task::SaveMailbox mailbox;
-    const task::CyclePorts ports{*drive_bus.value(), host_bus.get(),    *left,     *right,
-                                 stop_line.get(),    enable_line.get(), key.view()};
+    const task::CyclePorts ports{*drive_bus,      host_bus.get(),    *left,     *right,
+                                 stop_line.get(), enable_line.get(), key.view()};
     std::unique_ptr<task::BlackBox> box;
     if (!options.black_box.empty()) {
         const std::string problem = task::BlackBoxWriter::prepare(options.black_box);
@@ -350,7 +362,7 @@ int run(const Options& options) {
     }
 
     // An adapter that comes back is another interface: whoever keeps this running starts it anew.
-    const auto gone = [&] { return drive_bus.value()->gone() || (host_bus && host_bus->gone()); };
+    const auto gone = [&] { return drive_bus->gone() || (host_bus && host_bus->gone()); };
     hal::ServiceManager manager;
     std::optional<task::LoopWatch> watch;
     watch.emplace(statistics->cycles,
@@ -380,7 +392,7 @@ int run(const Options& options) {
             "without these the 1 kHz cycle cannot be promised; --allow-soft-realtime runs all the same");
     }
 
-    if (is_taken(*drive_bus.value(), clock, listened_ns)) return fail(kUsage, taken_text(options.can));
+    if (is_taken(*drive_bus, clock, listened_ns)) return fail(kUsage, taken_text(options.can));
     if (host_bus && is_taken(*host_bus, clock, listened_ns))
         return fail(kUsage, taken_text(options.host_can));
 
