@@ -17,6 +17,8 @@ using supervisor::Owner;
 constexpr int kRefusedTorquesUntilDown = 5;
 // After a request to end: how long the drives may take to confirm that they are idle.
 constexpr int kEndingCycles = 500;
+// A stop's frames: torques, then idle in the next cycle.
+constexpr int kStoppingCycles = 2;
 
 supervisor::SupervisorConfig supervisor_config(const model::RobotParameters& p, bool has_key) {
     const auto ramps = [](model::StopReaction reaction) { return reaction == model::StopReaction::ramp; };
@@ -143,7 +145,7 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     const supervisor::ModeRule& mode = supervisor::rule_of(supervisor_.mode());
     supervisor::Conditions told;
     told.encoder_implausible = encoder_implausible(seen);
-    const bool alone = mode.setpoint == supervisor::Setpoint::anything ||
+    const bool alone = !begun(host_, mode.setpoint) ||
                        (mode.setpoint == supervisor::Setpoint::stream && !control_.streamed());
     const auto& safety = parameters_.safety;
     told.command_stale = alone ? host_gone(host_, seen.now_ns, safety.host_timeout_s)
@@ -224,6 +226,9 @@ void Cycle::command_drives(const supervisor::Verdict& verdict) {
     if (verdict.clear_drive_errors) both(&drivers::MotorDrive::request_clear_errors);
     if (verdict.order == supervisor::DriveOrder::arm) both(&drivers::MotorDrive::request_arm);
     if (verdict.order == supervisor::DriveOrder::disarm) both(&drivers::MotorDrive::request_disarm);
+    const bool stops = drives_wanted_ && !verdict.armed;
+    drives_wanted_ = verdict.armed;
+    stopping_cycles_ = stops ? kStoppingCycles : std::max(stopping_cycles_ - 1, 0);
     enable_failed_ = ports_.drive_enable != nullptr && !ports_.drive_enable->write(verdict.armed);
     if (!conditions_.terminate || verdict.armed) return;
     const auto asleep = [](const drivers::MotorDrive& drive) {
@@ -327,8 +332,9 @@ void Cycle::send(std::int64_t) {
         if (!ports_.left.refused(frame)) ports_.right.refused(frame);
     }
 
-    const bool jammed = refused_torques_ > 0 && ports_.host_bus == nullptr;
-    const Telemetry::Turn turn = long_cycle_ || jammed ? Telemetry::Turn{} : telemetry_.next(cycle_);
+    // What leaves last waits in front of the next cycle's torques where others fill the bus.
+    const bool urgent = (refused_torques_ > 0 || stopping_cycles_ > 0) && ports_.host_bus == nullptr;
+    const Telemetry::Turn turn = long_cycle_ || urgent ? Telemetry::Turn{} : telemetry_.next(cycle_);
     if (turn.due && !turn.reply) fill(turn.part, report_);
     hal::CanFrame frame;
     if (telemetry_.build(turn, report_, frame)) {

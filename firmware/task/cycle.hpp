@@ -77,7 +77,8 @@ class Cycle {
     // Torques first, then what the drives were asked besides, then at most one telemetry frame.
     void send(std::int64_t now_ns);
 
-    std::int64_t send_phase_ns() const { return send_phase_ns_; }
+    // When, after the scheduled time: a stop does not wait.
+    std::int64_t send_phase_ns() const { return stopping_cycles_ > 0 ? 0 : send_phase_ns_; }
 
     // Ends the firmware: stops as safety.terminate_reaction says, puts the drives to idle; then finished().
     // Async-signal-safe.
@@ -161,6 +162,8 @@ class Cycle {
 
     bool finished_ = false;
     int ending_cycles_ = 0;
+    bool drives_wanted_ = false;  // armed
+    int stopping_cycles_ = 0;     // in which a stop's frames go at once, and on a shared bus alone
 
     CycleTime time_;
     std::uint64_t cycle_ = 0;

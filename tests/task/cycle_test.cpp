@@ -595,6 +595,32 @@ TEST(WholeCycle, clearing_goes_to_both_drives_and_a_refused_mode_is_counted) {
     CHECK_EQUAL(1U, rig.count(protocol::CounterCause::rejected_mode_not_allowed));
 }
 
+// Torques in the cycle of the stop, idle in the next one.
+TEST(WholeCycle, a_stop_does_not_wait_for_its_phase_nor_behind_telemetry) {
+    for (const bool separate : {false, true}) {
+        Rig rig(quick_robot(), separate, true);
+        const std::int64_t phase_ns = rig.cycle.send_phase_ns();
+        rig.drive();
+        protocol::ParameterRequest read;
+        read.operation = protocol::ParameterOperation::read;
+        for (int i = 0; i < 8; ++i) rig.say(read);  // an answer for each cycle
+        rig.run(1);
+        const auto answers = [&rig] { return rig.host.take(protocol::ParameterReply::id).size(); };
+        CHECK_EQUAL(1U, answers());
+        LONGS_EQUAL(phase_ns, rig.cycle.send_phase_ns());
+        rig.stop_line.level = hal::LineLevel::active;
+        for (int i = 0; i < 2; ++i) {
+            rig.run(1);
+            CHECK(rig.fault() == Fault::emergency_stop_line);
+            LONGS_EQUAL(0, rig.cycle.send_phase_ns());
+            CHECK_EQUAL(separate ? 1U : 0U, answers());
+        }
+        rig.run(1);
+        LONGS_EQUAL(phase_ns, rig.cycle.send_phase_ns());
+        CHECK_EQUAL(1U, answers());
+    }
+}
+
 TEST(WholeCycle, the_longest_wake_up_latency_is_told_once) {
     Rig rig;
     rig.late_ns = 700'000;
@@ -619,4 +645,17 @@ TEST(WholeCycle, a_set_point_of_before_does_not_act_in_a_mode_that_is_entered) {
     rig.run(5);
     CHECK(rig.cycle.supervisor().may_drive());
     CHECK_EQUAL(0, rig.sent_mNm(kLeft));
+}
+
+TEST(WholeCycle, a_mode_whose_first_set_point_never_comes_ends_when_the_host_is_gone) {
+    for (const double timeout_s : {0.2, 0.0}) {  // 0: nobody need be there
+        model::RobotParameters robot = quick_robot();
+        robot.safety.host_timeout_s = timeout_s;
+        Rig rig(robot, false, true);
+        rig.ask(Mode::torque);
+        rig.run(190);
+        CHECK(rig.cycle.supervisor().may_drive());
+        rig.run(15);
+        CHECK(rig.fault() == (timeout_s > 0 ? Fault::stale_command : Fault::none));
+    }
 }

@@ -134,6 +134,7 @@ class Simulation {
     double time_s() const;  // since the start
     // When the last cycle was due, since the start.
     double cycle_time_s() const { return 1e-9 * static_cast<double>(cycle_ns_ - start_ns_); }
+    std::int64_t cycle_ns() const { return cycle_ns_; }  // the same, by the clock
     // Cycles that a real machine was too late for; they count as time.
     std::int64_t missed_cycles() const { return missed_cycles_; }
     std::int64_t now_ns() const { return machine_->clock().now_ns(); }

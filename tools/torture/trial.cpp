@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdio>
 #include <cstring>
+#include <optional>
 
 #include "drivers/odrive/odrive_0_6_messages.hpp"
 #include "tools/sim/experiments.hpp"
@@ -67,7 +68,10 @@ class Judge final : public sim::BusTap {
         mix(std::uint64_t(event.end_ns));
         mix(frame.id | std::uint64_t{frame.length} << 32U);
         for (std::size_t i = 0; i < frame.length; ++i) mix(frame.data[i]);
-        if (harmed_) look_at_torque(event.end_ns);
+        if (harmed_) {
+            look_at_torque(event.end_ns);
+            look_at_rest(event.end_ns);
+        }
         // A stop counts from when it can be heard.
         if (harmed_ && event.sender >= 2 && frame.id == protocol::EmergencyStop::id && !frame.extended &&
             !frame.remote)
@@ -138,18 +142,11 @@ class Judge final : public sim::BusTap {
 
         look_at_torque(scene_.sim().now_ns());
         const bool driven = supervisor.may_drive() || supervisor.ramping();
-        undriven_s_ = driven ? 0 : undriven_s_ + kCycle_s;
-        const double latency_s = scene_.setup().simulation.command_latency_s;
-        double grace_s = kGrace_s + latency_s;
-        if (kind_.unreachable && watched)
-            grace_s = std::max(grace_s, p.drive.watchdog_timeout_s + 2 * kCycle_s);
-        // A drive that arms itself is known to be there from its first frame on.
-        const double known_s = scene_.has_returned
-                                   ? std::min(undriven_s_, now_s - scene_.told_s().value_or(now_s))
-                                   : undriven_s_;
-        if (torque_Nm > 0 && known_s > grace_s + 1e-9)
-            violate("torque at rest",
-                    text("%.2f Nm, %.0f ms after the last driven cycle", torque_Nm, 1e3 * undriven_s_));
+        if (driven) undriven_since_s_.reset();
+        // The firmware says it in the cycle that has just been.
+        if (!driven && !undriven_since_s_) undriven_since_s_ = scene_.since_s(scene_.sim().cycle_ns());
+        reachable_ = !(kind_.unreachable && watched);
+        look_at_rest(scene_.sim().now_ns());
         if (watched) {
             rim_ = std::max(rim_, rim_m_per_s(world));
             if (supervisor.fault() != Fault::none && fault_ != supervisor.fault()) {
@@ -201,6 +198,23 @@ class Judge final : public sim::BusTap {
         }
     }
 
+    // Whether a robot that nobody drives is told torque.
+    void look_at_rest(std::int64_t now_ns) {
+        if (!undriven_since_s_) return;
+        const double now_s = scene_.since_s(now_ns);
+        // A drive that arms itself is known to be there from its first frame on.
+        const double since_s = scene_.has_returned
+                                   ? std::max(*undriven_since_s_, scene_.told_s().value_or(now_s))
+                                   : *undriven_since_s_;
+        double grace_s = kGrace_s + scene_.setup().simulation.command_latency_s;
+        if (!reachable_)
+            grace_s = std::max(grace_s, scene_.setup().believed.drive.watchdog_timeout_s + 2 * kCycle_s);
+        const double torque_Nm = true_torque_Nm(scene_.sim().world());
+        if (torque_Nm > 0 && now_s - since_s > grace_s + 1e-9)
+            violate("torque at rest", text("%.2f Nm, %.1f ms after the firmware says that nobody drives",
+                                           torque_Nm, 1e3 * (now_s - *undriven_since_s_)));
+    }
+
     // What an identification does, or why it ended.
     std::string identification() const {
         if (scene_.setup().mode != Mode::ident) return "";
@@ -219,7 +233,8 @@ class Judge final : public sim::BusTap {
     double last_torque_s_ = -1;
     double no_torque_s_ = 0;
     bool gone_ = true;
-    double undriven_s_ = 0;
+    std::optional<double> undriven_since_s_;
+    bool reachable_ = true;
     double rim_ = 0;
     Fault fault_ = Fault::none;
     std::vector<Fault> faults_;
