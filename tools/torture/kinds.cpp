@@ -248,6 +248,7 @@ constexpr std::array kKinds{
                 "emergency_stop_message", begin_arming,
                 [](Scene& s) {
                     if (!while_arming(s)) return;
+                    s.forget_told();  // what the drives have said before
                     s.sim().host().emergency_stop();
                     if (s.setup().separate_host_bus) s.tell();  // nothing is in its way
                 },

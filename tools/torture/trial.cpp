@@ -97,8 +97,7 @@ class Judge final : public sim::BusTap {
             command == drivers::odrive_0_6::Heartbeat::command && frame.length == 8) {
             std::uint32_t error = 0;
             std::memcpy(&error, frame.data.data(), 4);
-            const bool drops_out = frame.data[4] != 8 && scene_.sim().cycle().supervisor().may_drive();
-            if (error != 0 || drops_out) scene_.tell_at(event.end_ns);
+            if (error != 0 || frame.data[4] != 8) scene_.tell_at(event.end_ns);
         }
     }
 
