@@ -156,6 +156,7 @@ struct Rig {
         time.scheduled_ns = now;
         time.woken_ns = now + late_ns;
         time.missed = missed;
+        time.last_execution_ns = ran_ns;
         cycle.think(time);
         cycle.send(now + cycle.send_phase_ns());
         late_ns = 0;
@@ -180,10 +181,10 @@ struct Rig {
     void say(const Message& message) {
         say(message, host);
     }
-    void push() {
+    void push(double left_Nm = 0.02, double right_Nm = -0.03) {
         protocol::TorqueCommand torque;
-        torque.left_torque_Nm = 0.02;
-        torque.right_torque_Nm = -0.03;
+        torque.left_torque_Nm = left_Nm;
+        torque.right_torque_Nm = right_Nm;
         say(torque);
     }
     void ask(Mode mode) {
@@ -216,7 +217,7 @@ struct Rig {
     FakeOutput enable;
     Cycle cycle;
     FakeBus& host;
-    std::int64_t now = 1000 * kCyclePeriod_ns, late_ns = 0;
+    std::int64_t now = 1000 * kCyclePeriod_ns, late_ns = 0, ran_ns = 0;
     std::uint8_t alive = 0;
     bool pushes = false;
 };
@@ -635,6 +636,60 @@ TEST(WholeCycle, the_longest_wake_up_latency_is_told_once) {
     CHECK(told);
     DOUBLES_EQUAL(0, rig.cycle.report().timing.wake_latency_max_us, 1e-9);
     LONGS_EQUAL(std::llround(rig.parameters.realtime.send_phase_s * 1e9), rig.cycle.send_phase_ns());
+}
+
+TEST(WholeCycle, the_longest_computing_time_is_told) {
+    Rig rig;
+    for (const std::int64_t ran_ns : {200'000, 300'000, 100'000}) {
+        rig.ran_ns = ran_ns;
+        rig.step();
+    }
+    DOUBLES_EQUAL(300, rig.cycle.report().timing.execution_max_us, 1e-9);
+}
+
+TEST(WholeCycle, the_load_of_a_bus_of_the_hosts_own_is_told) {
+    Rig rig(quick_robot(), true);
+    rig.pushes = true;
+    rig.run(3000);
+    CHECK(rig.cycle.report().bus_load.host_bus_load_percent > 5);
+}
+
+// Of an unknown robot that is 80 cycles of more than a quarter of the torque limit each way, and a tenth.
+TEST(WholeCycle, wheels_that_stand_against_torque_are_counted_anew_when_somebody_drives_again) {
+    for (const double torque_Nm : {0.7, 0.55}) {
+        Rig rig;
+        const auto drive = [&](int cycles) {
+            rig.ask(Mode::torque);
+            for (int i = 0; i < cycles; ++i) {
+                rig.push(torque_Nm, torque_Nm);
+                rig.run(1);
+            }
+        };
+        for (int i = 0; i < 3; ++i) {
+            drive(60);
+            CHECK(rig.cycle.supervisor().may_drive());
+            rig.ask(Mode::idle);
+            rig.run(700);
+            CHECK(rig.fault() == Fault::none);
+            CHECK_FALSE(rig.cycle.supervisor().may_drive());
+        }
+        drive(100);
+        CHECK(rig.fault() == (torque_Nm > 0.6 ? Fault::encoder_implausible : Fault::none));
+    }
+}
+
+// A probe says itself why the wheels do not turn.
+TEST(WholeCycle, an_identification_of_wheels_that_stand_ends_with_its_own_cause) {
+    Rig rig;
+    rig.ask(Mode::ident);
+    rig.run(4);
+    CHECK(rig.cycle.supervisor().may_drive());
+    for (int i = 0; i < 10'000 && rig.cycle.supervisor().mode() != Mode::idle; ++i) {
+        rig.run(1);
+        if (i % 100 == 0) rig.say(protocol::HostAlive{});
+    }
+    CHECK(rig.fault() == Fault::none);
+    STRCMP_EQUAL("too_heavy", std::string(to_string_view(rig.cycle.learning().run().cause())).c_str());
 }
 
 TEST(WholeCycle, a_set_point_of_before_does_not_act_in_a_mode_that_is_entered) {

@@ -247,7 +247,10 @@ constexpr std::array kKinds{
     TortureKind{"stop_while_arming", "a stop message while the drives are armed anew", Expect::stops,
                 "emergency_stop_message", begin_arming,
                 [](Scene& s) {
-                    if (while_arming(s)) s.sim().host().emergency_stop();
+                    if (!while_arming(s)) return;
+                    s.forget_told();  // what the drives have said before
+                    s.sim().host().emergency_stop();
+                    if (s.setup().separate_host_bus) s.tell();  // nothing is in its way
                 },
                 two_cycles, "2 cycles after the frame", From::told, 1.5},
     TortureKind{"stop_in_a_fault", "the host falls silent and the encoders' frames stop, then a stop message",

@@ -83,6 +83,7 @@ class Scene {
     void tell() {
         if (!told_s_) told_s_ = since_s();
     }
+    void forget_told() { told_s_.reset(); }
     std::optional<double> told_s() const { return told_s_; }
     void tell_at(std::int64_t now_ns) {
         if (!told_s_) told_s_ = since_s(now_ns);
