@@ -145,7 +145,7 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     const supervisor::ModeRule& mode = supervisor::rule_of(supervisor_.mode());
     supervisor::Conditions told;
     told.encoder_implausible = encoder_implausible(seen);
-    const bool alone = !begun(host_, mode.setpoint) ||
+    const bool alone = mode.setpoint == supervisor::Setpoint::anything ||
                        (mode.setpoint == supervisor::Setpoint::stream && !control_.streamed());
     const auto& safety = parameters_.safety;
     told.command_stale = alone ? host_gone(host_, seen.now_ns, safety.host_timeout_s)

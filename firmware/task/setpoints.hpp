@@ -35,12 +35,7 @@ inline bool late(const HostLink& host, supervisor::Setpoint which, std::int64_t 
     });
 }
 
-inline bool begun(const HostLink& host, supervisor::Setpoint which) {
-    return with_setpoint(host, which, [](const auto& setpoint, double) { return setpoint.received; });
-}
-
-// Where no set-point is asked for, or none has come yet, somebody must be there all the same. A limit of 0:
-// nobody need be.
+// Where no set-point is asked for, somebody must be there all the same. A limit of 0: nobody need be.
 inline bool host_gone(const HostLink& host, std::int64_t now_ns, double limit_s) {
     return limit_s > 0 && stale(host.heard_ns(), now_ns, limit_s);
 }

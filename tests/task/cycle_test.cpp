@@ -701,16 +701,3 @@ TEST(WholeCycle, a_set_point_of_before_does_not_act_in_a_mode_that_is_entered) {
     CHECK(rig.cycle.supervisor().may_drive());
     CHECK_EQUAL(0, rig.sent_mNm(kLeft));
 }
-
-TEST(WholeCycle, a_mode_whose_first_set_point_never_comes_ends_when_the_host_is_gone) {
-    for (const double timeout_s : {0.2, 0.0}) {  // 0: nobody need be there
-        model::RobotParameters robot = quick_robot();
-        robot.safety.host_timeout_s = timeout_s;
-        Rig rig(robot, false, true);
-        rig.ask(Mode::torque);
-        rig.run(190);
-        CHECK(rig.cycle.supervisor().may_drive());
-        rig.run(15);
-        CHECK(rig.fault() == (timeout_s > 0 ? Fault::stale_command : Fault::none));
-    }
-}

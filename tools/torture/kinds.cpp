@@ -41,11 +41,10 @@ double command_timeout(const Scene& s) {
                                                           : protocol::VelocityCommand::cycle_time_ms;
     return 1e-3 * period_ms * s.setup().believed.safety.stale_command_cycles + kCycle_s + way(s);
 }
-// Where the host need only be there, or has not repeated its goal yet, it may last have been heard just then.
+// Where the host need only be there, it may last have been heard just then.
 double host_timeout(const Scene& s) {
-    const Mode mode = s.setup().mode;
-    const bool alone = mode == Mode::ident || mode == Mode::trajectory || mode == Mode::adaptive ||
-                       (mode == Mode::pose && s.drives_s < 1e-3 * protocol::PoseGoal::cycle_time_ms);
+    const bool alone = s.setup().mode == Mode::ident || s.setup().mode == Mode::trajectory ||
+                       s.setup().mode == Mode::adaptive;
     return alone ? s.setup().believed.safety.host_timeout_s + kCycle_s + way(s) : command_timeout(s);
 }
 double deaf_watchdog(const Scene& s) {

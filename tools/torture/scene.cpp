@@ -111,6 +111,7 @@ bool Scene::drive_off() {
     sim_.run_for(0.5);
     const model::RobotParameters& p = setup_.believed;
     const double moment = random_.uniform();
+    double drives_s = 0;  // before the moment
     switch (setup_.mode) {
         case Mode::velocity:
             host.velocity({setup_.way * uniform(0.2, 0.6) * p.limits.speed_m_per_s,

@@ -43,7 +43,6 @@ class Scene {
 
     // Puts the robot on its way in the setup's mode. False: the mode was not entered, `problem` says why.
     bool drive_off();
-    double drives_s = 0;  // in its mode, before the moment
     std::string problem;
 
     // ---- for those who do harm
