@@ -55,6 +55,14 @@ SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     period_ps_ = 1'000'000'000 + static_cast<std::int64_t>(config.clock_error_ppm * 1000);
     tick_ns_ = start_ns + config.phase_ns;
     fed_ns_ = start_ns;
+    kp_ = 2 * config.filter_bandwidth_rad_per_s * kReadingPeriod_s;
+    ki_ = config.filter_bandwidth_rad_per_s * config.filter_bandwidth_rad_per_s * kReadingPeriod_s;
+    // An ODrive refuses such gains, which swing up; a quicker drive has the same two poles.
+    if (kp_ > 1) {
+        const double pole = exp_minus(config.filter_bandwidth_rad_per_s * kReadingPeriod_s);
+        kp_ = 1 - pole * pole;
+        ki_ = (1 - pole) * (1 - pole) / kReadingPeriod_s;
+    }
     heartbeat_phase_ = random_phase(random_, config.heartbeat_period_ms);
     torque_phase_ = random_phase(random_, config.torque_period_ms);
     voltage_phase_ = random_phase(random_, config.voltage_period_ms);
@@ -352,7 +360,6 @@ void SimOdrive::set_position(double motor_turns) {
 // with the right speeds there: wrong by less than 1e-5 rad even across a torque step, a tenth of a count.
 void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_s) {
     constexpr double kStep = 1.0 / kReadingsPerMs;
-    constexpr double kPeriod_s = 1e-3 * kStep;
     const double counts = wheel_angle_rad * counts_per_rad_;
     const double speed = wheel_speed_rad_per_s * counts_per_rad_ * (static_cast<double>(period_ps_) * 1e-12);
     const double moved = counts - last_counts_;
@@ -360,14 +367,6 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
     const double c3 = last_speed_ + speed - 2 * moved;
     const double start = last_counts_ - origin_counts_;
 
-    double kp = 2 * config_.filter_bandwidth_rad_per_s * kPeriod_s;
-    double ki = config_.filter_bandwidth_rad_per_s * config_.filter_bandwidth_rad_per_s * kPeriod_s;
-    // An ODrive refuses such gains, which swing up; a quicker drive has the same two poles.
-    if (kp > 1) {
-        const double pole = exp_minus(config_.filter_bandwidth_rad_per_s * kPeriod_s);
-        kp = 1 - pole * pole;
-        ki = (1 - pole) * (1 - pole) / kPeriod_s;
-    }
     std::array<double, kReadingsPerMs> readings;
     std::uint64_t bits = 0;
     for (std::size_t i = 0; i < kReadingsPerMs; ++i) {
@@ -401,19 +400,19 @@ void SimOdrive::read_encoder(double wheel_angle_rad, double wheel_speed_rad_per_
     double velocity = velocity_estimate_;
     if (ideal_encoder_) {
         for (const double reading : readings) {
-            position += kPeriod_s * velocity;
+            position += kReadingPeriod_s * velocity;
             const double error = reading - position;
-            position += kp * error;
-            velocity += ki * error;
+            position += kp_ * error;
+            velocity += ki_ * error;
         }
     } else {
         for (const double reading : readings) {
-            position += kPeriod_s * velocity;
+            position += kReadingPeriod_s * velocity;
             const double error = floor_of(reading) - floor_of(position);
-            position += kp * error;
-            velocity += ki * error;
+            position += kp_ * error;
+            velocity += ki_ * error;
             // Less than half the smallest change: standing still.
-            if (std::abs(velocity) < 0.5 * ki) velocity = 0;
+            if (std::abs(velocity) < 0.5 * ki_) velocity = 0;
         }
     }
     position_estimate_ = position;

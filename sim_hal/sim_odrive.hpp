@@ -145,6 +145,7 @@ class SimOdrive {
     static constexpr std::uint32_t kIdle = 1;
     static constexpr std::uint32_t kClosedLoop = 8;
     static constexpr std::size_t kReadingsPerMs = 8;
+    static constexpr double kReadingPeriod_s = 1e-3 / kReadingsPerMs;
 
     struct Pending {
         std::int64_t time_ns = 0;
@@ -205,6 +206,8 @@ class SimOdrive {
 
     // Encoder, in counts on the motor shaft.
     double counts_per_rad_ = 0;  // of the wheel, signed
+    double kp_ = 0;              // of the encoder's tracking loop, for each reading
+    double ki_ = 0;
     bool ideal_encoder_ = false;
     double noise_step_ = 0;
     double last_counts_ = 0;    // true position at the last millisecond, not quantised
