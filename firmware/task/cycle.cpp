@@ -71,7 +71,6 @@ void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
     senses_.configure(parameters_);
-    encoder_watch_.configure(control::encoder_watch_settings(parameters_, false));
     drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
@@ -181,7 +180,7 @@ bool Cycle::encoder_implausible(const Observed& seen) {
         encoder_watch_.rest(angle_rad);
         return false;
     }
-    if (identifying() && learning_.run().state() == ident::IdentState::probing && !may_brake()) return false;
+    if (identifying() && !may_brake()) return false;
     return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
                                  senses_.observer(), seen.last_torque_Nm, control_.plant(), may_brake());
 }
@@ -303,13 +302,8 @@ MotionOutput Cycle::decide(const supervisor::Verdict& verdict, const Observed& s
 
 // True: the cycle was long.
 bool Cycle::learn(const supervisor::Verdict& verdict, const Observed& seen, const MotionOutput& output) {
-    if (verdict.owner != Owner::law || !supervisor::rule_of(verdict.mode).learns) {
-        learning_.rest();
-        return false;
-    }
-    const bool saturated = output.limits.has(control::Limiter::torque_sum) ||
-                           output.limits.has(control::Limiter::torque_difference);
-    return learning_.adapt(seen, saturated, control_);
+    if (verdict.owner != Owner::law || !supervisor::rule_of(verdict.mode).learns) return false;
+    return learning_.adapt(seen, output.limits.torque_limited(), control_);
 }
 
 void Cycle::send(std::int64_t) {

@@ -244,6 +244,8 @@ void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& 
     dither_over_noise_ = error > 0 ? std::sqrt(2 * adaptive_.row_interval_s() / options.memory_s) / error : 0;
     torque_limit_Nm_ = Real(p.limits.torque_Nm);
     adapting_ = true;
+    adapted_since_ = 0;
+    was_long_ = false;
     control.dither().configure(dither_period_s_, Real(kCyclePeriod_s), track_m_);
 }
 

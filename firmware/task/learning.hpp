@@ -44,11 +44,6 @@ class Learning {
     // dither. `saturated`: the torque was at its limit, from which nothing is learned. True: the cycle was
     // long, what can wait shall.
     bool adapt(const Observed& seen, bool saturated, MotionControl& control);
-    // No mode that learns drives in this cycle.
-    void rest() {
-        adapted_since_ = 0;
-        was_long_ = false;
-    }
     bool adaptation_frozen() const;
     // The estimate of whichever ran last.
     const ident::DynamicsEstimate<Real>& estimate() const {

@@ -172,6 +172,16 @@ TEST(Limits, WhatIsNamedIsWhatWasCutAndNothingElse) {
     }
 }
 
+TEST(Limits, TheTorqueIsLimitedInSumOrInDifference) {
+    for (unsigned i = 0; i < 6; ++i) {
+        LimiterFlags flags;
+        CHECK_FALSE(flags.torque_limited());
+        flags.set(Limiter(i));
+        CHECK_EQUAL(Limiter(i) == Limiter::torque_sum || Limiter(i) == Limiter::torque_difference,
+                    flags.torque_limited());
+    }
+}
+
 TEST(Limits, HalfOfTheTorqueIsTheUsualAccelerationWhereTheLimitsAllowIt) {
     model::RobotParameters p = model::default_parameters();
     p.limits.torque_Nm = 4;

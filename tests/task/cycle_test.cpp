@@ -701,3 +701,56 @@ TEST(WholeCycle, a_set_point_of_before_does_not_act_in_a_mode_that_is_entered) {
     CHECK(rig.cycle.supervisor().may_drive());
     CHECK_EQUAL(0, rig.sent_mNm(kLeft));
 }
+
+namespace {
+model::RobotParameters known_robot() {
+    model::RobotParameters p = quick_robot();
+    p.dynamics = {0.01, 0.1, 0.5, 3};
+    p.dynamics_standard_error = {0.001, 0.01, 0.005, 0.03};
+    return p;
+}
+}  // namespace
+
+// Where K5 is no number the velocity law's torque is none either.
+TEST(WholeCycle, a_torque_that_is_no_number_is_a_fault) {
+    for (const bool broken : {false, true}) {
+        model::RobotParameters p = known_robot();
+        if (broken) p.dynamics.k5_m = std::nan("");
+        Rig rig(p);
+        protocol::VelocityCommand velocity;
+        velocity.forward_speed_m_per_s = 0.1;
+        rig.ask(Mode::velocity);
+        for (int i = 0; i < 4; ++i) {
+            rig.say(velocity);
+            rig.run(1);
+        }
+        CHECK(rig.fault() == (broken ? Fault::internal_error : Fault::none));
+        CHECK_EQUAL(!broken, rig.cycle.supervisor().may_drive());
+    }
+}
+
+// At start-up there is time for it: the first cycle's host may drive.
+TEST(WholeCycle, the_loops_of_a_known_robot_are_designed_before_the_first_cycle) {
+    Rig rig(known_robot());
+    CHECK(rig.cycle.conditions().velocity_design_accepted);
+}
+
+// It takes some tens of cycles.
+TEST(WholeCycle, a_path_is_driven_once_its_pace_is_known) {
+    Rig rig(known_robot());
+    protocol::TrajectoryCommand figure;
+    figure.shape = protocol::TrajectoryShape::figure_eight;
+    figure.length_m = 3;
+    rig.say(figure);
+    rig.ask(Mode::trajectory);
+    int waited = 0;
+    for (int i = 0; i < 500 && !rig.cycle.supervisor().may_drive(); ++i) {
+        rig.run(1);
+        if (rig.cycle.control().pace().running()) {
+            ++waited;
+            CHECK_FALSE(rig.cycle.supervisor().may_drive());
+        }
+    }
+    CHECK(rig.cycle.supervisor().may_drive());
+    CHECK(waited > 3);
+}
