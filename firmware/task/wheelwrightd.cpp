@@ -90,6 +90,9 @@ int fail(int status, const std::string& message) {
     return status;
 }
 
+// What every firmware tells in normal service.
+constexpr hal::CanFilter kTelemetry{protocol::Status::id, 0x7F0, false};
+
 // Only the drives' frames, our commands, and what another firmware would say reach the cycle.
 bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, bool drives, bool host) {
     constexpr std::uint32_t kNodeMask = 0x7E0;
@@ -104,12 +107,13 @@ bool set_filters(hal::CanBus& bus, const model::RobotParameters& parameters, boo
     } else {
         filters[count++] = {protocol::EmergencyStop::id, 0x7FF, false};  // a stop may come from anywhere
     }
-    filters[count++] = {protocol::Status::id, 0x7FF, false};
+    filters[count++] = kTelemetry;
     return bus.set_filters({filters.data(), count});
 }
 
-// For how long nobody else's Status must be heard before we speak: one of them may be late, or lost.
-constexpr std::int64_t kListen_ns = 3 * std::int64_t{protocol::Status::cycle_time_ms} * 1'000'000;
+// For how long nobody else's telemetry must be heard before we speak. A dozen frames come in that time, so
+// that some may be late, or lost.
+constexpr std::int64_t kListen_ns = 2 * std::int64_t{protocol::Status::cycle_time_ms} * 1'000'000;
 
 // Whether a firmware speaks there already: what has come, and comes until then.
 bool is_taken(hal::CanBus& bus, hal::Clock& clock, std::int64_t end_ns) {
@@ -117,7 +121,8 @@ bool is_taken(hal::CanBus& bus, hal::Clock& clock, std::int64_t end_ns) {
     for (;;) {
         while (bus.receive(received) == hal::CanStatus::ok) {
             const hal::CanFrame& frame = received.frame;
-            if (frame.id == protocol::Status::id && !frame.extended && !frame.remote && !frame.error)
+            if ((frame.id & kTelemetry.mask) == kTelemetry.id && !frame.extended && !frame.remote &&
+                !frame.error)
                 return true;
         }
         if (clock.now_ns() >= end_ns) return false;
@@ -129,15 +134,14 @@ using OpenedBus = hal::Result<std::unique_ptr<hal::SocketCanBus>>;
 
 // Hears from here on who speaks there already; what else it shall hear is not known yet.
 OpenedBus listen(const std::string& interface) {
-    constexpr hal::CanFilter kStatus{protocol::Status::id, 0x7FF, false};
     auto bus = hal::SocketCanBus::open(interface);
-    if (bus) bus.value()->set_filters({&kStatus, 1});
+    if (bus) bus.value()->set_filters({&kTelemetry, 1});
     return bus;
 }
 
 std::string taken_text(const std::string& interface) {
     return "another wheelwrightd drives a robot on " + interface +
-           " (its Status frames, 0x620, are heard); end it first, or give this one another interface";
+           " (its telemetry, 0x620 to 0x62F, is heard); end it first, or give this one another interface";
 }
 
 void print_duration(const char* name, const task::DurationHistogram& h) {

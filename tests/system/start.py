@@ -152,7 +152,7 @@ class Start(unittest.TestCase):
         one.mode("velocity")
         status, out, err = run("--config", one.robot_file, "--can", "vcan0", "--allow-soft-realtime")
         self.assertEqual((status, out), (1, ""))
-        self.assertIn("another wheelwrightd drives a robot on vcan0 (its Status frames, 0x620, are heard)", err)
+        self.assertIn("another wheelwrightd drives a robot on vcan0 (its telemetry, 0x620 to 0x62F, is heard)", err)
         self.assertEqual(one.status()["State"], "velocity")
         one.end_stream(stream)
 
