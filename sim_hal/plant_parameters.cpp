@@ -113,11 +113,12 @@ void Plant::derive_actual() {
     if (const auto* load = parameters_of<model::PayloadStep>(parameters_.effects)) {
         if (loaded_) {
             const double mass = (*load)[1];
+            const double at = ahead + (*load)[3];
             p.mass_kg += mass;
-            p.inertia_kg_m2 += (*load)[2] + mass * (ahead * ahead + lateral_m_ * lateral_m_);
+            p.inertia_kg_m2 += (*load)[2] + mass * (at * at + lateral_m_ * lateral_m_);
             p.mass_coupling_kg_m -= mass * lateral_m_;
-            p.centrifugal_kg_m += mass * ahead;
-            p.coriolis_kg_m -= mass * ahead;
+            p.centrifugal_kg_m += mass * at;
+            p.coriolis_kg_m -= mass * at;
         } else {
             payload_s_ = (*load)[0];
         }

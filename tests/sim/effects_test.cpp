@@ -345,6 +345,19 @@ TEST(EffectsOnTheBody, a_payload_on_the_centre_of_gravity_makes_the_heavier_robo
     DOUBLES_EQUAL(expected.k8_per_kg_m2, k.k8_per_kg_m2, 1e-13);
 }
 
+TEST(EffectsOnTheBody, a_payload_ahead_of_the_centre_of_gravity_moves_it) {
+    // by hand: 7.7 kg at 0.034 m and 1.5 kg at 0.124 m from the axle, each about the common centre
+    const Dynamics<double> before = dynamics_from_mass<double>({7.7, 0.21, 0.034, 0}, geometry());
+    const double ahead = (7.7 * 0.034 + 1.5 * 0.124) / 9.2;
+    const double inertia = 0.21 + 0.04 + 7.7 * std::pow(0.034 - ahead, 2) + 1.5 * std::pow(0.124 - ahead, 2);
+    const Dynamics<double> expected = dynamics_from_mass<double>({9.2, inertia, ahead, 0}, geometry());
+    const Dynamics<double> k = PayloadStep::loaded({12.0, 1.5, 0.04, 0.09}, geometry(), before);
+    DOUBLES_EQUAL(expected.k5_m, k.k5_m, 1e-14);
+    DOUBLES_EQUAL(expected.k6_per_m, k.k6_per_m, 1e-13);
+    DOUBLES_EQUAL(expected.k7_per_kg_m, k.k7_per_kg_m, 1e-13);
+    DOUBLES_EQUAL(expected.k8_per_kg_m2, k.k8_per_kg_m2, 1e-13);
+}
+
 TEST(EffectsOnTheBody, unequal_radii_keep_their_mean) {
     const Geometry<double> g = WheelRadiusMismatch::geometry({0.03}, geometry());
     DOUBLES_EQUAL(1.03, g.wheel_radius_m.right / g.wheel_radius_m.left, 1e-14);

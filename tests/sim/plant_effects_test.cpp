@@ -231,7 +231,8 @@ TEST(SimPlantRobot, on_a_slope_a_lateral_centre_of_gravity_turns_the_robot) {
 
 TEST(SimPlantRobot, a_payload_comes_at_its_time_and_keeps_the_speed) {
     const double k5 = 0.04;
-    Plant p = robot(with("payload_step", {0.25, 3.0, 0.06}), k5);
+    const double ahead = 0.07;
+    Plant p = robot(with("payload_step", {0.25, 3.0, 0.06, ahead}), k5);
     const model::Dynamics<double> before = sim::plant_dynamics(p.actual());
     DOUBLES_EQUAL(kK7, before.k7_per_kg_m, 1e-12);
     go(p, 0.25, {0.2, 0.2}, 0.0005);
@@ -241,9 +242,10 @@ TEST(SimPlantRobot, a_payload_comes_at_its_time_and_keeps_the_speed) {
     DOUBLES_EQUAL(v, p.twist().v_m_per_s, 1e-12);
     const model::Dynamics<double> after = sim::plant_dynamics(p.actual());
     DOUBLES_EQUAL(kMass_kg / (kMass_kg + 3), after.k7_per_kg_m / kK7, 1e-12);
-    DOUBLES_EQUAL(kInertia_kg_m2 / (kInertia_kg_m2 + 0.06 + 3 * k5 * k5), after.k8_per_kg_m2 / kK8, 1e-12);
+    DOUBLES_EQUAL(kInertia_kg_m2 / (kInertia_kg_m2 + 0.06 + 3 * std::pow(k5 + ahead, 2)),
+                  after.k8_per_kg_m2 / kK8, 1e-12);
     const model::Dynamics<double> loaded =
-        model::PayloadStep::loaded({0.25, 3.0, 0.06}, p.parameters().geometry, before);
+        model::PayloadStep::loaded({0.25, 3.0, 0.06, ahead}, p.parameters().geometry, before);
     DOUBLES_EQUAL(loaded.k5_m, after.k5_m, 1e-12);
     DOUBLES_EQUAL(loaded.k6_per_m, after.k6_per_m, 1e-12);
     const double from = p.twist().v_m_per_s;

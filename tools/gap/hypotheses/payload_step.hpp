@@ -39,14 +39,13 @@ class Loaded {
     At at_;
 };
 
-// p[3], which the catalogue does not have: how far the load lies ahead of where the robot's mass seems to be.
 class PayloadTerm : public Contribution {
   public:
     static constexpr bool kByDynamics = true;
     PayloadTerm(const Parameters<double>& p, const Setting& s)
         : time_s_(p[0]), loaded_(std::make_shared<Loaded>(p[0], s)) {
         const model::Dynamics<double>& k = s.dynamics;
-        const auto with_it = model::PayloadStep::loaded(p, s.geometry, k, k.k5_m + p[3]);
+        const auto with_it = model::PayloadStep::loaded(p, s.geometry, k);
         k5_ = (with_it.k5_m - k.k5_m) / k.k7_per_kg_m;
         k7_ = (with_it.k7_per_kg_m - k.k7_per_kg_m) / k.k7_per_kg_m;
         k6_ = (with_it.k6_per_m - k.k6_per_m) / k.k8_per_kg_m2;
@@ -96,23 +95,22 @@ struct HypothesisOf<model::PayloadStep> : Defaults<model::PayloadStep> {
             [=](const Eigen::VectorXd& a) {
                 return a.minCoeff() > -5 && a.sum() > 0 && kLost * a.maxCoeff() < 0.5;
             },
-            {0, mass / 100, inertia / 100}};
+            {0, mass / 100, inertia / 100, s.geometry.track_m / 50}};
         for (int i = 2; i <= 16; ++i) from.points.push_back({s.span_s * i * kEventSpacing});
-        from.beside = {0, 0, 0, 0.01};
-        from.expected = 0.03;
         // a load's inertia does not show where the robot goes straight before or behind: then it is like the
         // robot's
         from.hidden = 2;
         from.itself = [=](const Parameters<double>& p) { return p[2] > -inertia / 2 && p[2] < 2 * inertia; };
         constexpr double kLikely = 0.5;  // of the robot's own
         from.likely_amount = kLikely / kUnit;
-        from.likely_move = {0, kLikely * mass, kLikely * inertia};
+        constexpr double kLikelyAhead = 0.1;  // of the track
+        from.likely_move = {0, kLikely * mass, kLikely * inertia, kLikelyAhead * s.geometry.track_m};
         if (s.event_spacing_s == 0) return from;
         from.closer = [=](const Parameters<double>& at) {
             std::vector<Parameters<double>> points;
             for (const int i : {-4, 4, -3, 3, -2, 2, -1, 1, 0}) {
                 points.push_back({std::clamp(at[0] + i * s.event_spacing_s, 0.02 * s.span_s, 0.98 * s.span_s),
-                                  at[1], at[2]});
+                                  at[1], at[2], at[3]});
             }
             return points;
         };
