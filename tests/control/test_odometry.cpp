@@ -172,6 +172,34 @@ TEST(Odometry, APoseThatComesLateCorrectsThePastItBelongsTo) {
     std::printf("\n");
 }
 
+TEST(Odometry, APoseOfBeforeTheStartCorrectsTheFirstOneThatIsKnown) {
+    auto s = settings();
+    s.delay_s = 0.15;
+    Odometry<double> odometry;
+    odometry.configure(s);
+    Rails rails{{}, kGeometry, {}};
+    for (int k = 0; k < 30; ++k) {
+        rails.move(1.0, 0, 1e-3);
+        odometry.advance(kGeometry, rails.turned, 1'000'000'000 + std::int64_t{1'000'000} * k);
+    }
+    odometry.fuse({5, 3, 0});  // it was there 0.15 s ago, and has gone 30 mm since, as far as is known
+    DOUBLES_EQUAL(5.03, odometry.pose().x_m, 2e-3);
+    DOUBLES_EQUAL(3, odometry.pose().y_m, 1e-9);
+}
+
+TEST(Odometry, APoseInWhichOneNumberIsNoneIsRefused) {
+    constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+    Odometry<double> odometry;
+    odometry.configure(settings());
+    odometry.fuse({1, 2, 0.5});
+    for (const Pose<double>& wrong : {Pose<double>{kNaN, 2, 0.5}, {1, kNaN, 0.5}, {1, 2, kNaN}}) {
+        CHECK(odometry.fuse(wrong) == FixOutcome::not_finite);
+        DOUBLES_EQUAL(1, odometry.pose().x_m, 1e-9);
+        DOUBLES_EQUAL(2, odometry.pose().y_m, 1e-9);
+        DOUBLES_EQUAL(0.5, odometry.pose().heading_rad, 1e-9);
+    }
+}
+
 TEST(Odometry, ALongTimeWithoutExternalPosesWidensTheCovarianceAndTheNextIsTaken) {
     Odometry<double> odometry;
     odometry.configure(settings());

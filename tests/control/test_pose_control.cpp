@@ -263,3 +263,63 @@ TEST(PoseControl, SinglePrecisionArrivesToo) {
     CHECK(reached);
     CHECK(std::hypot(robot.pose.x_m - 15, robot.pose.y_m + 12) < 0.01);
 }
+
+// In whatever the new goal differs, it is approached; the same one again is none.
+TEST(PoseControl, AGoalThatDiffersInAnythingIsANewOne) {
+    using model::GoalDirection;
+    struct Other {
+        Pose<double> goal;
+        GoalDirection direction;
+    };
+    for (const Other& other :
+         {Other{{1, 0, 0}, GoalDirection::automatic}, Other{{1.2, 0, 0}, GoalDirection::automatic},
+          Other{{1, 0.2, 0}, GoalDirection::automatic}, Other{{1, 0, 0.4}, GoalDirection::automatic},
+          Other{{1, 0, 0}, GoalDirection::reverse}}) {
+        PoseController<double> controller;
+        controller.configure(standard());
+        controller.start({});
+        controller.set_goal({1, 0, 0}, GoalDirection::automatic);
+        Kinematic robot{};
+        const auto run = [&](int cycles) {
+            PoseCommand<double> c;
+            for (int k = 0; k < cycles; ++k) {
+                c = controller.update(robot.pose, 1e-3);
+                robot.drive(c.reference.twist, 1e-3);
+            }
+            return c;
+        };
+        CHECK(run(15'000).goal_reached);
+        controller.set_goal(other.goal, other.direction);
+        // it is there already, whichever way it would go
+        const bool there = other.goal.x_m == 1 && other.goal.y_m == 0 && other.goal.heading_rad == 0;
+        CHECK_EQUAL(there, run(1).goal_reached);
+        CHECK(run(15'000).goal_reached);
+        DOUBLES_EQUAL(other.goal.x_m, robot.pose.x_m, 0.01);
+        DOUBLES_EQUAL(other.goal.y_m, robot.pose.y_m, 0.01);
+        DOUBLES_EQUAL(other.goal.heading_rad, robot.pose.heading_rad, 0.02);
+    }
+}
+
+TEST(PoseControl, ARobotThatIsTurnedAtItsGoalTurnsBack) {
+    PoseController<double> controller;
+    const auto s = standard();
+    controller.configure(s);
+    controller.start({});
+    controller.set_goal({1, 0, 0}, model::GoalDirection::automatic);
+    Kinematic robot{};
+    const auto run = [&](int cycles) {
+        PoseCommand<double> c;
+        for (int k = 0; k < cycles; ++k) {
+            c = controller.update(robot.pose, 1e-3);
+            robot.drive(c.reference.twist, 1e-3);
+        }
+        return c;
+    };
+    CHECK(run(15'000).goal_reached);
+    robot.pose.heading_rad += 1.5 * s.heading_tolerance_rad;
+    CHECK(run(10).goal_reached);  // near enough
+    robot.pose.heading_rad += 2.5 * s.heading_tolerance_rad;
+    CHECK_FALSE(run(10).goal_reached);
+    CHECK(run(5'000).goal_reached);
+    DOUBLES_EQUAL(0, robot.pose.heading_rad, s.heading_tolerance_rad);
+}

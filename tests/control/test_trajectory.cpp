@@ -112,3 +112,28 @@ TEST(Trajectory, AStreamedReferenceRunsOnBetweenItsSamplesAndStandsWhenTheyStop)
     const auto still = streamed.at(30'000'000'000);
     DOUBLES_EQUAL(stopped.pose.x_m, still.pose.x_m, 0);
 }
+
+// What differs little fades in over an interval; a leap that is meant is taken at once; what is older than
+// the last sample is no sample.
+TEST(Trajectory, AStreamedReferenceLeapsWhereItIsMeantToAndTakesNothingOld) {
+    constexpr std::int64_t kStart_ns = 3'000'000'000;
+    constexpr std::int64_t kInterval_ns = 50'000'000;
+    for (const Pose<double>& off : {Pose<double>{0.02, 0.03, 0.1}, {0.2, 0, 0}, {0, 0.2, 0}, {0, 0, 0.5}}) {
+        const bool leaps = off.x_m + off.y_m > 0.1 || off.heading_rad > 0.3;
+        StreamedReference<double> streamed;
+        streamed.push({1, 2, 0}, {}, kStart_ns);
+        streamed.push({1 + off.x_m, 2 + off.y_m, off.heading_rad}, {}, kStart_ns + kInterval_ns);
+        const auto at_once = streamed.at(kStart_ns + kInterval_ns).pose;
+        const auto later = streamed.at(kStart_ns + 2 * kInterval_ns).pose;
+        const double share = leaps ? 1 : 0;
+        DOUBLES_EQUAL(1 + share * off.x_m, at_once.x_m, 1e-12);
+        DOUBLES_EQUAL(2 + share * off.y_m, at_once.y_m, 1e-12);
+        DOUBLES_EQUAL(share * off.heading_rad, at_once.heading_rad, 1e-12);
+        DOUBLES_EQUAL(1 + off.x_m, later.x_m, 1e-12);
+        DOUBLES_EQUAL(2 + off.y_m, later.y_m, 1e-12);
+        DOUBLES_EQUAL(off.heading_rad, later.heading_rad, 1e-12);
+        streamed.push({7, 7, 1}, {}, kStart_ns + kInterval_ns);
+        streamed.push({7, 7, 1}, {}, kStart_ns);
+        DOUBLES_EQUAL(later.x_m, streamed.at(kStart_ns + 2 * kInterval_ns).pose.x_m, 0);
+    }
+}

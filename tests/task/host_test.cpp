@@ -407,3 +407,43 @@ TEST(ParameterRequests, every_parameter_that_may_change_can_be_saved) {
     CHECK_EQUAL(count, p.mailbox.take()->count);
     CHECK(count <= kMaxChanged);
 }
+
+TEST(ParameterRequests, every_effects_parameter_is_read_as_written_and_nothing_out_of_its_range) {
+    using model::ParameterStatus;
+    constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+    model::RobotParameters p = model::default_parameters();
+    const auto read = [&p](std::uint16_t index) {
+        double value = kNaN;
+        CHECK(model::read_parameter(p, index, value) == ParameterStatus::ok);
+        return value;
+    };
+    for (std::size_t effect = 0; effect < model::kEffectCount; ++effect) {
+        const auto& parameters = model::kEffects[effect].parameters;
+        for (std::size_t i = 0; i < parameters.size(); ++i) {
+            const std::uint16_t index = model::effect_index(effect, i);
+            const double middle = (parameters[i].minimum + parameters[i].maximum) / 2;
+            CHECK(model::write_parameter(p, index, middle) == ParameterStatus::ok);
+            DOUBLES_EQUAL(middle, read(index), 0);
+            CHECK(model::write_parameter(p, index, parameters[i].maximum * 1.01 + 0.01) ==
+                  ParameterStatus::out_of_range);
+            CHECK(model::write_parameter(
+                      p, index, parameters[i].minimum * 1.01 - 0.01 * (parameters[i].minimum >= 0)) ==
+                  ParameterStatus::out_of_range);
+            CHECK(model::write_parameter(p, index, kNaN) == ParameterStatus::not_finite);
+            DOUBLES_EQUAL(middle, read(index), 0);
+            CHECK(model::changeable(index) == model::ChangeWhen::idle);
+        }
+        const std::uint16_t active = model::effect_index(effect, model::kEffectActiveSlot);
+        DOUBLES_EQUAL(0, read(active), 0);
+        CHECK(model::write_parameter(p, active, 0.5) == ParameterStatus::out_of_range);
+        CHECK(model::write_parameter(p, active, 1) == ParameterStatus::ok);
+        DOUBLES_EQUAL(1, read(active), 0);
+        const std::uint16_t nobodys = model::effect_index(effect, model::kEffectActiveSlot - 1);
+        double value = 0;
+        CHECK(model::read_parameter(p, nobodys, value) == ParameterStatus::unknown_index);
+        CHECK(model::write_parameter(p, nobodys, 1) == ParameterStatus::unknown_index);
+        CHECK(model::changeable(nobodys) == model::ChangeWhen::start);
+    }
+    CHECK(model::write_parameter(p, model::find_parameter("safety.stale_command_cycles")->index, 3.5) ==
+          ParameterStatus::out_of_range);
+}
