@@ -444,6 +444,6 @@ TEST(ParameterRequests, every_effects_parameter_is_read_as_written_and_nothing_o
         CHECK(model::write_parameter(p, nobodys, 1) == ParameterStatus::unknown_index);
         CHECK(model::changeable(nobodys) == model::ChangeWhen::start);
     }
-    CHECK(model::write_parameter(p, model::find_parameter("safety.stale_command_cycles")->index, 3.5) ==
+    CHECK(model::write_parameter(p, model::find_parameter("drive.left.node")->index, 3.5) ==
           ParameterStatus::out_of_range);
 }
