@@ -36,7 +36,9 @@ sim::PlantParameters parameters_of(const hidden::Robot& robot, const hidden::Hid
         effects.active[index] = true;
         const auto& parameters = model::kEffects[index].parameters;
         for (std::size_t j = 0; j < parameters.size(); ++j) {
-            effects.parameter[index][j] = (*effect)[parameters[j].name];
+            // 0 where the hidden law has none of it: a load is put onto the centre of gravity
+            const auto hidden_value = effect->parameters.find(parameters[j].name);
+            if (hidden_value != effect->parameters.end()) effects.parameter[index][j] = hidden_value->second;
         }
     }
     // The catalogue takes a usual share of what the motors move for the wheels' rotation (slope.hpp).
