@@ -29,6 +29,6 @@ set(CMAKE_INCLUDE_PATH ${shared})
 set(CMAKE_LIBRARY_PATH ${packages}/static)
 set(CMAKE_FIND_USE_CMAKE_SYSTEM_PATH OFF)
 # Locked memory holds the whole program: what nobody calls is left out of it.
-set(CMAKE_CXX_FLAGS_INIT "-ffunction-sections -fdata-sections")
+string(APPEND CMAKE_CXX_FLAGS_INIT " -ffunction-sections -fdata-sections")  # after the architecture's own
 set(CMAKE_EXE_LINKER_FLAGS_INIT "-static -Wl,--gc-sections")
 find_program(CMAKE_CROSSCOMPILING_EMULATOR ${WHEELWRIGHT_EMULATOR})  # the package's manual is what its programs say
