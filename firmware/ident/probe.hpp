@@ -154,6 +154,7 @@ class Probe {
     static constexpr double kRamp_s = 2.0;  // from zero to the torque limit
     static constexpr double kLongestPush_s = 1.2;
     static constexpr double kShortestPush_s = 0.03;
+    static constexpr double kNeverStanding_s = 0.1;  // a robot that may drive at all goes millimetres in it
     static constexpr double kLongestPause_s = 1.5;
     static constexpr double kStill_s = 0.25;     // at rest before the next stage; some external poses come
     static constexpr double kSettle_s = 0.010;   // after a change of torque: delay and lag
@@ -382,6 +383,12 @@ class Probe {
         const double fastest = std::max(std::abs(v.left), std::abs(v.right));
         const double leg_s = ++leg_cycles_ * options_.sample_time_s;
         const double sense = leg_ == 0 ? 1.0 : -1.0;
+        // more than what has moved them, and neither moves by a digit
+        const bool still = angle_.left == last_.left && angle_.right == last_.right;
+        still_cycles_ = leg_ == 0 && leg_cycles_ > 1 && still ? still_cycles_ + 1 : 0;
+        last_ = angle_;
+        if (still_cycles_ * options_.sample_time_s > kNeverStanding_s)
+            return end(IdentCause::left_wheel_does_not_turn);
         if (leg_s > kSettle_s && usable_) {
             fit_[leg_][0].add(leg_s, angle_.left);
             fit_[leg_][1].add(leg_s, angle_.right);
@@ -634,7 +641,7 @@ class Probe {
     Stage next_ = Stage::done;
     std::uint32_t stage_cycles_ = 0, still_cycles_ = 0, leg_cycles_ = 0, steady_cycles_ = 0;
     std::size_t leg_ = 0;
-    WheelPair<double> torque_, told_before_, angle_, begin_, still_at_, speed_, report_;
+    WheelPair<double> torque_, told_before_, angle_, last_, begin_, still_at_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
     bool usable_ = false, pushed_well_ = false;
     std::array<WheelPair<double>, kSpeedSpan> ring_{};

@@ -240,8 +240,10 @@ TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
 
 namespace {
 
-// Probes two carts of 12 kg that friction of 0.4 Nm rubs, and freezes an encoder in a stage's push.
-IdentCause probed(int frozen, double from_Nm) {
+constexpr int kBoth = 2;
+// Probes two carts of 12 kg that friction of 0.4 Nm rubs, and freezes an encoder in a stage's push. `pushed`:
+// for so many cycles since.
+IdentCause probed(int frozen, double from_Nm, int* pushed = nullptr) {
     ident::ProbeOptions options;
     options.geometry = {{kRadius_m, kRadius_m}, kTrack_m};
     options.sample_time_s = 1e-3;
@@ -264,11 +266,12 @@ IdentCause probed(int frozen, double from_Nm) {
             const double next = speed_rad_per_s[i] + 1e-3 * pushed_Nm / (12 * kRadius_m * kRadius_m);
             speed_rad_per_s[i] = next * speed_rad_per_s[i] < 0 ? 0 : next;
             angle_rad[i] += 1e-3 * speed_rad_per_s[i];
-            const bool lies = is_frozen && static_cast<int>(i) == frozen;
+            const bool lies = is_frozen && (static_cast<int>(i) == frozen || frozen == kBoth);
             if (!lies) told_rad[i] = angle_rad[i] + noise(random);
         }
         const WheelPair<double> wanted = probe.step({{told_rad[0], told_rad[1]}, true, {}, {}, false, {}});
         torque_Nm = {wanted.left, wanted.right};
+        if (pushed != nullptr && is_frozen && wanted.left != 0) ++*pushed;
         is_frozen = is_frozen || std::min(std::abs(torque_Nm[0]), std::abs(torque_Nm[1])) >= from_Nm;
     }
     return probe.findings().fault;
@@ -280,4 +283,12 @@ TEST(ProbeParts, a_wheel_that_stands_to_the_digit_while_the_other_one_turns_is_n
     CHECK(probed(-1, 0.6) == IdentCause::none);
     CHECK(probed(0, 0.6) == IdentCause::left_wheel_does_not_turn);
     CHECK(probed(1, 0.6) == IdentCause::right_wheel_does_not_turn);
+}
+
+// A push is more than what has moved them.
+TEST(ProbeParts, wheels_that_both_stand_to_the_digit_in_a_push_are_not_pushed_on) {
+    int cycles = 0;
+    CHECK(probed(kBoth, 0.6, &cycles) == IdentCause::left_wheel_does_not_turn);
+    CHECK(cycles > 50);
+    CHECK(cycles <= 102);
 }
