@@ -340,8 +340,12 @@ class IdentificationRun {
         const double x8 = h * estimator.cross_gains()[1].value;
         const WheelAnswers answers{{k7 + k8 - x7 - x8, k7 + k8 + x7 + x8},
                                    {k7 - k8 + x7 - x8, k7 - k8 - x7 + x8}};
+        // a wheel in the air knows nothing of K5 omega^2
+        const bool on_floor =
+            found_.on_floor ||
+            std::abs(now.dynamics.k5_m) > static_cast<Real>(kSureOfWheels) * now.standard_error.k5_m;
         const IdentCause lifted =
-            wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error, !found_.on_floor);
+            wheel_off_ground(answers, kSureOfWheels * error, kSureOfWheels * error, !on_floor);
         if (lifted != IdentCause::none) stop(lifted);
     }
 

@@ -17,7 +17,8 @@ COUNT = 12
 FAULTS = 8  # each once
 AGAIN = 4   # the number of the robot that is run again
 # Healthy robots that were once called faulty: seed, number, what they were taken for.
-MISJUDGED = ((442385866, 199, "an encoder that lies"), (94087110, 46, "a wheel in the air"))
+MISJUDGED = ((442385866, 199, "an encoder that lies"), (94087110, 46, "a wheel in the air"), (2959479275, 173, "a wheel in the air"),
+             (2176942132, 130, "a wheel in the air"))
 # What must hold already, of the good robots and of those with faults.
 DEMANDED = {
     "robots": ("problems", "wrong_successes"),
