@@ -1,6 +1,7 @@
 // Limits, judged by checkers that know the limits and nothing of the method.
 #include <cmath>
 #include <cstdio>
+#include <string_view>
 
 #include "firmware/control/limits.hpp"
 #include "tests/control/bench_robot.hpp"
@@ -170,6 +171,19 @@ TEST(Limits, WhatIsNamedIsWhatWasCutAndNothingElse) {
         CHECK_EQUAL(one.sum, flags.has(Limiter::torque_sum));
         CHECK_EQUAL(one.difference, flags.has(Limiter::torque_difference));
     }
+}
+
+TEST(Limits, AYawRateLimitBelowZeroMeansZeroToo) {
+    for (const double limit_rad_per_s : {0.0, -2.0}) {
+        LimiterFlags flags;
+        const Twist<double> none = scale_jointly<double>({0, 0.5}, 1, limit_rad_per_s, flags);
+        DOUBLES_EQUAL(0, none.omega_rad_per_s, 0);
+        CHECK(flags.has(Limiter::yaw_rate));
+    }
+}
+
+TEST(Limits, EachLimiterHasAName) {
+    for (const std::string_view name : kLimiterNames) CHECK_FALSE(name.empty());
 }
 
 TEST(Limits, TheTorqueIsLimitedInSumOrInDifference) {
