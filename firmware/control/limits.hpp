@@ -32,6 +32,7 @@ struct LimiterFlags {
 
     constexpr void set(Limiter which) { bits = static_cast<std::uint8_t>(bits | (1U << unsigned(which))); }
     constexpr bool has(Limiter which) const { return (bits >> unsigned(which) & 1U) != 0; }
+    // Less torque is sent than the law wanted, in the wheels' sum or in their difference.
     constexpr bool torque_limited() const {
         return has(Limiter::torque_sum) || has(Limiter::torque_difference);
     }

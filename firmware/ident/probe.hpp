@@ -383,7 +383,8 @@ class Probe {
         const double fastest = std::max(std::abs(v.left), std::abs(v.right));
         const double leg_s = ++leg_cycles_ * options_.sample_time_s;
         const double sense = leg_ == 0 ? 1.0 : -1.0;
-        // more than what has moved them, and neither moves by a digit
+        // more than what has moved them, and neither moves by a digit: of two that stand the left one is
+        // named
         const bool still = angle_.left == last_.left && angle_.right == last_.right;
         still_cycles_ = leg_ == 0 && leg_cycles_ > 1 && still ? still_cycles_ + 1 : 0;
         last_ = angle_;

@@ -46,6 +46,26 @@ double time_to_goal(const PoseControlSettings<double>& s, const Pose<double>& fr
     return last;
 }
 
+// A robot that has reached the goal one metre ahead.
+struct AtAGoal {
+    AtAGoal() {
+        controller.configure(standard());
+        controller.start({});
+        controller.set_goal({1, 0, 0}, model::GoalDirection::automatic);
+        CHECK(run(15'000).goal_reached);
+    }
+    PoseCommand<double> run(int cycles) {
+        PoseCommand<double> c;
+        for (int k = 0; k < cycles; ++k) {
+            c = controller.update(robot.pose, 1e-3);
+            robot.drive(c.reference.twist, 1e-3);
+        }
+        return c;
+    }
+    PoseController<double> controller;
+    Kinematic robot{};
+};
+
 }  // namespace
 
 TEST_GROUP(PoseControl){};
@@ -201,27 +221,15 @@ TEST(PoseControl, NoiseOfThePoseDoesNotSpinTheRobotAtTheGoal) {
 }
 
 TEST(PoseControl, ARobotPushedAwayComesBackAndALittlePushIsLeftAlone) {
-    PoseController<double> controller;
     const auto s = standard();
-    controller.configure(s);
-    controller.start({});
-    controller.set_goal({1, 0, 0}, model::GoalDirection::automatic);
-    Kinematic robot{};
-    const auto run = [&](int cycles) {
-        PoseCommand<double> c;
-        for (int k = 0; k < cycles; ++k) {
-            c = controller.update(robot.pose, 1e-3);
-            robot.drive(c.reference.twist, 1e-3);
-        }
-        return c;
-    };
-    CHECK(run(15'000).goal_reached);
+    AtAGoal at;
+    Kinematic& robot = at.robot;
     robot.pose.x_m = 1 + 0.5 * (s.stop_radius_m + s.rearm_radius_m);
-    CHECK(run(10).goal_reached);
+    CHECK(at.run(10).goal_reached);
     robot.pose.x_m = 1.05;
     robot.pose.y_m = 0.03;
-    CHECK_FALSE(run(10).goal_reached);
-    CHECK(run(15'000).goal_reached);
+    CHECK_FALSE(at.run(10).goal_reached);
+    CHECK(at.run(15'000).goal_reached);
 }
 
 TEST(PoseControl, CommandsStayWithinTheirLimitsAndStartWithoutABump) {
@@ -275,51 +283,25 @@ TEST(PoseControl, AGoalThatDiffersInAnythingIsANewOne) {
          {Other{{1, 0, 0}, GoalDirection::automatic}, Other{{1.2, 0, 0}, GoalDirection::automatic},
           Other{{1, 0.2, 0}, GoalDirection::automatic}, Other{{1, 0, 0.4}, GoalDirection::automatic},
           Other{{1, 0, 0}, GoalDirection::reverse}}) {
-        PoseController<double> controller;
-        controller.configure(standard());
-        controller.start({});
-        controller.set_goal({1, 0, 0}, GoalDirection::automatic);
-        Kinematic robot{};
-        const auto run = [&](int cycles) {
-            PoseCommand<double> c;
-            for (int k = 0; k < cycles; ++k) {
-                c = controller.update(robot.pose, 1e-3);
-                robot.drive(c.reference.twist, 1e-3);
-            }
-            return c;
-        };
-        CHECK(run(15'000).goal_reached);
-        controller.set_goal(other.goal, other.direction);
+        AtAGoal at;
+        at.controller.set_goal(other.goal, other.direction);
         // it is there already, whichever way it would go
         const bool there = other.goal.x_m == 1 && other.goal.y_m == 0 && other.goal.heading_rad == 0;
-        CHECK_EQUAL(there, run(1).goal_reached);
-        CHECK(run(15'000).goal_reached);
-        DOUBLES_EQUAL(other.goal.x_m, robot.pose.x_m, 0.01);
-        DOUBLES_EQUAL(other.goal.y_m, robot.pose.y_m, 0.01);
-        DOUBLES_EQUAL(other.goal.heading_rad, robot.pose.heading_rad, 0.02);
+        CHECK_EQUAL(there, at.run(1).goal_reached);
+        CHECK(at.run(15'000).goal_reached);
+        DOUBLES_EQUAL(other.goal.x_m, at.robot.pose.x_m, 0.01);
+        DOUBLES_EQUAL(other.goal.y_m, at.robot.pose.y_m, 0.01);
+        DOUBLES_EQUAL(other.goal.heading_rad, at.robot.pose.heading_rad, 0.02);
     }
 }
 
 TEST(PoseControl, ARobotThatIsTurnedAtItsGoalTurnsBack) {
-    PoseController<double> controller;
     const auto s = standard();
-    controller.configure(s);
-    controller.start({});
-    controller.set_goal({1, 0, 0}, model::GoalDirection::automatic);
-    Kinematic robot{};
-    const auto run = [&](int cycles) {
-        PoseCommand<double> c;
-        for (int k = 0; k < cycles; ++k) {
-            c = controller.update(robot.pose, 1e-3);
-            robot.drive(c.reference.twist, 1e-3);
-        }
-        return c;
-    };
-    CHECK(run(15'000).goal_reached);
-    robot.pose.heading_rad += 1.5 * s.heading_tolerance_rad;
-    CHECK(run(10).goal_reached);  // near enough
-    robot.pose.heading_rad += 2.5 * s.heading_tolerance_rad;
-    CHECK_FALSE(run(10).goal_reached);
-    CHECK(run(5'000).goal_reached);
-    DOUBLES_EQUAL(0, robot.pose.heading_rad, s.heading_tolerance_rad);
+    AtAGoal at;
+    at.robot.pose.heading_rad += 1.5 * s.heading_tolerance_rad;
+    CHECK(at.run(10).goal_reached);  // near enough
+    at.robot.pose.heading_rad += 2.5 * s.heading_tolerance_rad;
+    CHECK_FALSE(at.run(10).goal_reached);
+    CHECK(at.run(5'000).goal_reached);
+    DOUBLES_EQUAL(0, at.robot.pose.heading_rad, s.heading_tolerance_rad);
 }
