@@ -304,13 +304,19 @@ TEST(GuardedModel, goes_back_to_the_robot_files_model_when_the_estimate_is_absur
     estimate.dynamics.k7_per_kg_m = 1.1;
     run(2);
     DOUBLES_EQUAL(1.1, guard.dynamics().k7_per_kg_m, 1e-12);
-    for (const double absurd : {std::nan(""), 14.0, 0.3, -1.4, HUGE_VAL}) {
-        estimate.dynamics.k7_per_kg_m = absurd;
+    const model::Dynamics<double> good = estimate.dynamics;
+    const auto absurd = [&](double model::Dynamics<double>::*which, double value) {
+        estimate.dynamics.*which = value;
         run(2);
         CHECK(guard.state() == ident::GuardState::reverting);
         DOUBLES_EQUAL(1.4, guard.dynamics().k7_per_kg_m, 1e-12);
-        estimate.dynamics.k7_per_kg_m = 1.1;
+        estimate.dynamics = good;
         run(2);
         DOUBLES_EQUAL(1.1, guard.dynamics().k7_per_kg_m, 1e-12);
-    }
+    };
+    for (const double value : {std::nan(""), 14.0, 0.3, -1.4, HUGE_VAL})
+        absurd(&model::Dynamics<double>::k7_per_kg_m, value);
+    for (const double value : {std::nan(""), 67.0, 1.5, -6.7, HUGE_VAL})
+        absurd(&model::Dynamics<double>::k8_per_kg_m2, value);
+    absurd(&model::Dynamics<double>::k5_m, std::nan(""));
 }

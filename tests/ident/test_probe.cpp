@@ -30,6 +30,13 @@ TEST(ProbeParts, a_parabola_gives_its_acceleration_and_what_is_left) {
     ident::Parabola few;
     for (int i = 0; i < 5; ++i) few.add(i, i * i);
     DOUBLES_EQUAL(0, few.acceleration(), 0);
+    DOUBLES_EQUAL(0, few.residual_variance(), 0);
+    ident::Parabola at_once;  // no time goes by
+    for (int i = 0; i < 20; ++i) at_once.add(3, i);
+    DOUBLES_EQUAL(0, at_once.acceleration(), 0);
+    ident::Mean one;
+    one.add(5);
+    CHECK(one.error() > 1e100);
 }
 
 TEST(ProbeParts, reports_tell_a_wrong_constant_from_clipping) {
