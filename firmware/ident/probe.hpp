@@ -124,16 +124,11 @@ class Probe {
     bool finished() const { return stage_ == Stage::done; }
     const ProbeFindings& findings() const { return found_; }
 
-    // A wheel that runs away from a push that hardly moves the other one: where that ends the probe, there is
-    // likely no floor below it. (A weak drive with a centre of gravity beside the middle may do that as well,
-    // so it ends nothing by itself.) none: the robot is pushed as a whole, or not at all.
+    // A wheel that has run away from a push that hardly moved the other one: where that ends the probe, there
+    // is likely no floor below it. (A weak drive with a centre of gravity beside the middle may do that as
+    // well, so it ends nothing by itself.) none: the robot is pushed as a whole, or not at all.
     IdentCause wheel_running_free() const {
-        const bool pushing = (stage_ == Stage::forward || stage_ == Stage::turning) && leg_ == 0;
-        if (!pushing || !pushed_well()) return IdentCause::none;
-        const WheelPair<double> m = moved();
-        const double unseen = moved_enough() / 2;  // what a wheel may have gone beside what is seen of it
-        return runs_free({options_.geometry.wheel_radius_m.left * (std::abs(m.left) + unseen),
-                          options_.geometry.wheel_radius_m.right * (std::abs(m.right) + unseen)});
+        return ran_free_ != IdentCause::none || leg_ != 0 ? ran_free_ : running_free();
     }
 
     // A wheel that is pushed stands to the digit, and has since the other one has turned: held fast, or its
@@ -400,10 +395,10 @@ class Probe {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
             const bool quick = quick_cycles_ >= kQuickCycles;
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
+                ran_free_ = wheel_running_free();
                 if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
-                    if (gentle_ == 0) too_quick_ = wheel_running_free();
                     if (gentle_ == kMostHalvings)
-                        return end(too_quick_ != IdentCause::none ? too_quick_ : IdentCause::no_room);
+                        return end(ran_free_ != IdentCause::none ? ran_free_ : IdentCause::no_room);
                     push_Nm_ = std::max(push_Nm_ / 2,
                                         1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
                     ++gentle_;
@@ -436,9 +431,10 @@ class Probe {
         slowed_[turning ? 1 : 0][0].add(sum(0, r.left));
         slowed_[turning ? 1 : 0][1].add(sum(1, r.right));
         fit_ = {};
-        // again, until an external pose can tell that way from its noise
+        // again, until wheels that answer unlike do so beyond noise, and an external pose can tell that way
         if (++pushes_ < kMostPushes &&
-            (pushes_ < kFewestPushes || !sides_.would_tell(stage_way(), turning)) && room_left())
+            (pushes_ < kFewestPushes || unlike_by_noise() || !sides_.would_tell(stage_way(), turning)) &&
+            room_left())
             return rest_then(stage_);
         const WheelPair<double> d{answered_[0].mean(), answered_[1].mean()};
         if (!turning) {
@@ -465,6 +461,13 @@ class Probe {
         }
         rest_then(turning ? Stage::pulses : Stage::turning);
     }
+    // One wheel answers so much more than the other that it may be in the air, and that may be noise.
+    bool unlike_by_noise() const {
+        const double left = std::abs(answered_[0].mean()), right = std::abs(answered_[1].mean());
+        const double unsure = kSure * std::max(answered_[0].error(), answered_[1].error());
+        return std::max(left, right) > kAlone * std::min(left, right) &&
+               std::max(left, right) < kRunsFree * unsure;
+    }
     // How the wheels have gone in this stage.
     SideWitness::Way stage_way() const { return sides_.rolled(push_begin_, angle_); }
     bool room_left() const {
@@ -480,8 +483,9 @@ class Probe {
         const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
         const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
         found_.on_floor = speed_acts(slowed(own.right > own.left ? 1 : 0));
-        const IdentCause fault = wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
-                                                  pushed_well_ && !found_.on_floor);
+        const IdentCause fault =
+            wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
+                             !found_.on_floor && (pushed_well_ || ran_free_ != IdentCause::none));
         if (fault != IdentCause::none) end(fault);
         return fault != IdentCause::none;
     }
@@ -502,6 +506,13 @@ class Probe {
                                    : IdentCause::left_wheel_does_not_turn);
         return true;
     }
+    IdentCause running_free() const {
+        if ((stage_ != Stage::forward && stage_ != Stage::turning) || !pushed_well()) return IdentCause::none;
+        const WheelPair<double> m = moved();
+        const double unseen = moved_enough() / 2;  // what a wheel may have gone beside what is seen of it
+        return runs_free({options_.geometry.wheel_radius_m.left * (std::abs(m.left) + unseen),
+                          options_.geometry.wheel_radius_m.right * (std::abs(m.right) + unseen)});
+    }
     // So much above friction that a wheel does not hang in it for part of the time.
     bool pushed_well() const {
         return push_Nm_ >= kMovesEnough * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
@@ -520,7 +531,7 @@ class Probe {
     // have stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
     void choose_pulse() {
         const double shortest_s = shortest_pulse_s(level_Nm_, found_.friction_Nm);
-        const double wanted_s = fast_m_per_s() / (2 * level_Nm_ * found_.k7_per_kg_m);
+        const double wanted_s = fast_m_per_s() / (level_Nm_ * quicker());
         pulse_s_ = std::clamp(wanted_s, shortest_s, std::max(shortest_s, kLongestPulse_s));
         begin_pulse();
     }
@@ -528,10 +539,11 @@ class Probe {
         const double friction = std::min(2 * friction_Nm / level_Nm, kMostFriction);  // at half amplitude
         return (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
     }
+    // Rim acceleration by a torque on both wheels, of the wheel that has more.
+    double quicker() const { return std::max(forward_.left, forward_.right); }
     // What the shortest whole pulse gets to.
     double pulse_speed_m_per_s() const {
-        return 2 * (level_Nm_ - found_.friction_Nm) * found_.k7_per_kg_m *
-               shortest_pulse_s(level_Nm_, found_.friction_Nm);
+        return (level_Nm_ - found_.friction_Nm) * quicker() * shortest_pulse_s(level_Nm_, found_.friction_Nm);
     }
     // As much of the amplitude as gets no faster than either reading allows. If that is less than moves the
     // robot, nothing beyond the pushes is tried.
@@ -663,7 +675,7 @@ class Probe {
     std::array<Mean, 2> answered_{};
     std::array<std::array<Mean, 2>, 2> slowed_{};  // pushes forward and turning, each wheel
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
-    IdentCause too_quick_ = IdentCause::none;  // of the first push that was too quick to be seen
+    IdentCause ran_free_ = IdentCause::none;  // in a push
     Stage stage_before_ = Stage::done;
     double level_Nm_ = 0;  // of the whole pulses
     double first_level_Nm_ = 0;
