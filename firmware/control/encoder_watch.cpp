@@ -111,17 +111,17 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real hol
     const Real forward = plant.dynamics.k7_per_kg_m / radius_m;
     const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
     const Real before = wheel.before.speed_rad_per_s;
+    const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm * elapsed_s;
     if (unseen.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
-        const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm *
-                            elapsed_s * Real(kHistoryCycles + wheel.history_age);
-        unseen.speed_rad_per_s = std::copysign(std::max(std::abs(before) - brakes, Real(0)), before);
+        const Real least = std::abs(before) - brakes * Real(kHistoryCycles + wheel.history_age);
+        unseen.speed_rad_per_s = std::copysign(std::max(least, Real(0)), before);
     }
     const Real beyond_Nm =
         beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.before.unexplained_rad_per_s2 / (2 * forward));
     if (beyond_Nm != 0) {
         unseen.speed_rad_per_s += beyond_Nm * (forward + turning) * elapsed_s;
     } else if (unseen.speed_rad_per_s * torque_Nm < 0) {
-        unseen.speed_rad_per_s = 0;
+        unseen.speed_rad_per_s -= std::clamp(unseen.speed_rad_per_s, -brakes, brakes);
     }
     unseen.angle_rad += unseen.speed_rad_per_s * elapsed_s;
     return unseen.frames >= kFrames && !(std::abs(unseen.angle_rad) <= kUnseen_rad);

@@ -6,8 +6,9 @@
 // Per wheel, from its last change of angle on, the angle it must have gone unseen is integrated: from the
 // speed it had, and from the acceleration by the torque beyond what can be held without moving: friction, and
 // a slope's share, which is what accelerated the wheel while it turned, or what held it when it crept to a
-// stop. Nobody holds nearly the whole torque limit. Too much unseen is one and a half steps of the coarsest
-// encoder. Where no model is known yet, it is time.
+// stop. Nobody holds nearly the whole torque limit. A torque against its motion may brake the wheel by half
+// more than the whole limit would. Too much unseen is one and a half steps of the coarsest encoder. Where no
+// model is known yet, it is time.
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other

@@ -39,6 +39,13 @@ using protocol::IdentCause;
 // Of the friction: a torque that moves a robot enough to learn from.
 inline constexpr double kMovesEnough = 1.5;
 
+// Ends after which no loop may close over the encoders.
+constexpr bool doubts_encoders(IdentCause cause) {
+    using enum protocol::IdentCause;
+    return cause == left_wheel_does_not_turn || cause == right_wheel_does_not_turn ||
+           cause == left_wheel_against_torque || cause == right_wheel_against_torque;
+}
+
 struct ProbeOptions {
     model::Geometry<double> geometry;
     double sample_time_s{};

@@ -293,7 +293,10 @@ MotionOutput Cycle::decide(const supervisor::Verdict& verdict, const Observed& s
     } else if (verdict.owner == Owner::law) {
         output = control_.torque(mode, seen, host_);
     } else if (verdict.owner == Owner::brake) {
-        if (may_brake()) output = control_.brake(seen);  // a loop on a guess would be worse than none
+        // A loop on a guess, or over an encoder that may lie, would be worse than none.
+        const bool found_a_lie =
+            mode.law == Law::excitation && ident::doubts_encoders(learning_.run().cause());
+        if (may_brake() && !found_a_lie) output = control_.brake(seen);
     } else {
         control_.release();
     }

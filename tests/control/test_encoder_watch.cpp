@@ -376,6 +376,14 @@ int first_unseen(double speed_rad_per_s, double rad_per_s2) {
     return static_cast<int>(std::floor(n)) + 1;
 }
 
+// The same with a speed that falls by so much in each cycle; 0: it comes to rest before.
+int first_unseen_braked(double speed_rad_per_s, double brakes_rad_per_s) {
+    double speed = std::abs(speed_rad_per_s), unseen_rad = 0;
+    for (int n = 1; (speed -= brakes_rad_per_s) > 0; ++n)
+        if ((unseen_rad += speed * kElapsed_s) > kUnseen_rad) return n;
+    return 0;
+}
+
 std::string name(bool right, double value) { return (right ? "right " : "left ") + std::to_string(value); }
 
 }  // namespace
@@ -409,7 +417,8 @@ TEST(EncoderWatch, a_wheel_that_its_torque_must_have_turned_too_far_is_seen_in_t
     }
 }
 
-// The speed of 16 to 32 cycles before it stood, less what half more than full torque brakes it by since then.
+// The speed of 16 to 32 cycles before it stood, less what half more than full torque brakes it by since then,
+// and while the torque is against it.
 TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_at_least) {
     struct Row {
         int cycles;  // with speed: 1 rad/s faster in each
@@ -417,9 +426,9 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
         double speed_at;  // the cycle whose speed counts; 0: it may stand
     };
     const Row rows[] = {
-        {31, 40, 0, 0},    {32, 40, 0, 16},  {32, -12, 0, 16},   {40, -8, 0, 16},
-        {47, -8, 0, 16},   {48, -12, 0, 32}, {32, 4, 0, 16},     {32, 4, 1, 16},
-        {32, 4, -0.01, 0}, {32, -15, 0, 0},  {32, -12, 1.5, 16},
+        {31, 40, 0, 0},     {32, 40, 0, 16},  {32, -12, 0, 16}, {40, -8, 0, 16},
+        {47, -8, 0, 16},    {48, -12, 0, 32}, {32, 4, 0, 16},   {32, 4, 1, 16},
+        {32, 4, -0.01, 16}, {32, -6, -1, 16}, {32, -15, 0, 0},  {32, -12, 1.5, 16},
     };
     for (const Row& row : rows) {
         for (const bool right : {false, true}) {
@@ -431,11 +440,11 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
                 c.stands[right] = true;
                 const double was = row.at_first + row.speed_at;
                 const double least = was - of(kBrakes_rad_per_s, right) * (16 + row.cycles % 16);
-                const int expected =
-                    row.speed_at > 0 ? std::max(first_unseen(least, of(kOwn_per_Nm, right) *
-                                                                        std::max(row.torque_Nm - 1.25, 0.0)),
-                                                5)
-                                     : 0;
+                const int unseen =
+                    row.torque_Nm < 0
+                        ? first_unseen_braked(least, of(kBrakes_rad_per_s, right))
+                        : first_unseen(least, of(kOwn_per_Nm, right) * std::max(row.torque_Nm - 1.25, 0.0));
+                const int expected = row.speed_at > 0 && unseen > 0 ? std::max(unseen, 5) : 0;
                 LONGS_EQUAL_TEXT(expected, t.cycles(c, 500), name(right, sign * was).c_str());
             }
         }

@@ -76,6 +76,7 @@ class Judge final : public sim::BusTap {
         if (harmed_ && event.sender >= 2 && frame.id == protocol::EmergencyStop::id && !frame.extended &&
             !frame.remote)
             scene_.tell_at(event.end_ns);
+        if (harmed_ && event.sender >= 2 && frame.id == protocol::ClearFault::id) clear_asked_ = true;
         if (event.sender == 1 && frame.id >> 5U == scene_.node(scene_.setup().side) && !frame.extended &&
             scene_.has_returned) {
             scene_.tell_at(event.end_ns);
@@ -149,6 +150,12 @@ class Judge final : public sim::BusTap {
         look_at_rest(scene_.sim().now_ns());
         if (watched) {
             rim_ = std::max(rim_, rim_m_per_s(world));
+            // What is driven after a clear that was asked for is another drive; it may begin at rest.
+            if (clear_asked_ && fault_ != Fault::none && supervisor.fault() == Fault::none && !cleared_) {
+                cleared_ = true;
+                if (rim_m_per_s(world) > (1 + kRoom) * p.safety.clear_speed_m_per_s + kRoom)
+                    violate("cleared", text("at %.2f m/s", rim_m_per_s(world)));
+            }
             if (supervisor.fault() != Fault::none && fault_ != supervisor.fault()) {
                 fault_ = supervisor.fault();
                 faults_.push_back(fault_);
@@ -189,6 +196,7 @@ class Judge final : public sim::BusTap {
   private:
     // At each frame's end and each cycle's: some tenths of a millisecond apart.
     void look_at_torque(std::int64_t now_ns) {
+        if (cleared_) return;
         if (true_torque_Nm(scene_.sim().world()) > 0) {
             last_torque_s_ = scene_.since_s(now_ns);
             gone_ = false;
@@ -233,6 +241,7 @@ class Judge final : public sim::BusTap {
     double last_torque_s_ = -1;
     double no_torque_s_ = 0;
     bool gone_ = true;
+    bool clear_asked_ = false, cleared_ = false;
     std::optional<double> undriven_since_s_;
     bool reachable_ = true;
     double rim_ = 0;
