@@ -38,12 +38,19 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
                                         : std::clamp(static_cast<int>(std::lround(span_s / kCycle_s)), 6, 20);
     const double held_Nm =
         std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
+    // No sooner than the angle can have changed: by what full torque does until the drives have told of it.
+    const double full_rad_per_s2 =
+        (from.dynamics.k7_per_kg_m + from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2) * limit_Nm /
+        from.geometry.mean_radius_m();
+    const double late_s = from.velocity_loop.actuation_delay_s + kFrames * kCycle_s;
+    const double seen_rad = 1.5 * encoder_step_rad(from) + full_rad_per_s2 * late_s * late_s / 2;
     return {Real(limit_Nm),
             Real(held_Nm),
             Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
             Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kCycle_s),
-            Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0)};
+            Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
+            identifying ? std::min(Real(seen_rad), kUnseen_rad) : kUnseen_rad};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -91,7 +98,7 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, c
     }
     wheel.angle_rad = angle_rad;
     wheel.torque_Nm = torque_Nm;
-    wheel.unseen = {};
+    wheel.unseen.frames = -1;
     if (++wheel.history_age >= kHistoryCycles) {
         wheel.before = wheel.lately;
         wheel.lately = now;
@@ -104,6 +111,7 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, c
 bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
                           const PlantModel<Real>& plant, bool model_known) const {
     Unseen& unseen = wheel.unseen;
+    if (unseen.frames <= 0) unseen = {.frames = unseen.frames};
     if (!model_known) {
         unseen.pushed_cycles = beyond_held_Nm(wheel, torque_Nm, 0, 0) != 0 ? unseen.pushed_cycles + 1 : 0;
         return unseen.pushed_cycles >= kPushedCycles;
@@ -115,6 +123,7 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real hol
     if (unseen.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
         const Real least = std::abs(before) - brakes * Real(kHistoryCycles + wheel.history_age);
         unseen.speed_rad_per_s = std::copysign(std::max(least, Real(0)), before);
+        unseen.from_rest = least <= 0;
     }
     const Real beyond_Nm =
         beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.before.unexplained_rad_per_s2 / (2 * forward));
@@ -124,7 +133,8 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real hol
         unseen.speed_rad_per_s -= std::clamp(unseen.speed_rad_per_s, -brakes, brakes);
     }
     unseen.angle_rad += unseen.speed_rad_per_s * elapsed_s;
-    return unseen.frames >= kFrames && !(std::abs(unseen.angle_rad) <= kUnseen_rad);
+    const Real most_rad = unseen.from_rest ? settings_.unseen_from_rest_rad : kUnseen_rad;
+    return unseen.frames >= kFrames && !(std::abs(unseen.angle_rad) <= most_rad);
 }
 
 // What of a torque must turn the wheel.

@@ -7,8 +7,9 @@
 // speed it had, and from the acceleration by the torque beyond what can be held without moving: friction, and
 // a slope's share, which is what accelerated the wheel while it turned, or what held it when it crept to a
 // stop. Nobody holds nearly the whole torque limit. A torque against its motion may brake the wheel by half
-// more than the whole limit would. Too much unseen is one and a half steps of the coarsest encoder. Where no
-// model is known yet, it is time.
+// more than the whole limit would. Too much unseen is one and a half steps of the coarsest encoder; on a
+// floor where friction alone may hold a wheel that stood, of this one. Where no model is known yet, it is
+// time.
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
@@ -39,6 +40,7 @@ struct EncoderWatchSettings {
     int span_cycles{};         // the observer follows within some of these
     Real full_impulse_Ns{};    // of both rims by full torque, in one span
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
+    Real unseen_from_rest_rad = Real(kMostUnseen_rad);  // that a wheel which stood may turn
 };
 
 // `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its
@@ -72,6 +74,7 @@ class EncoderWatch {
         Real speed_rad_per_s = 0;
         Real angle_rad = 0;
         int frames = -1;  // with the same angle
+        bool from_rest = false;
         int pushed_cycles = 0;
     };
     struct Wheel {

@@ -88,7 +88,7 @@ struct LoopDesignResult {
 template <typename Real>
 class LoopDesign {
   public:
-    static constexpr Real kSettlingShare = Real(0.7);  // of the wanted time, for the nominal response
+    static constexpr Real kSettlingShare = Real(0.66);  // of the wanted time, for the nominal response
 
     void begin(const LoopDesignRequest<Real>& request) {
         request_ = request;
@@ -217,7 +217,7 @@ class LoopDesign {
             begin_sweep();
             return;
         }
-        const Real next = g.kp_per_s * Real(1.06);
+        const Real next = g.kp_per_s * Real(1.03);
         if (next * (request_.actuation_delay_s + t / 2) > Real(1)) {
             status_ = DesignStatus::refused_settling;
             return;

@@ -310,20 +310,24 @@ class WheelObserver {
     // was before, the origin moves so that the angle goes on.
     bool trust(Wheel& wheel, const EncoderSample& sample) {
         const Real dt = seconds(sample.time_ns - wheel.taken.time_ns);
-        const Real gone = Real(sample.position_rad - wheel.taken.position);
-        if (!wheel.heard || std::abs(gone - wheel.speed * dt) <= reach(dt)) {
-            wheel.trusted += wheel.trusted < int(kSampleMemory);
-            wheel.refused_alike = 0;
-            wheel.taken = {sample.time_ns, sample.position_rad};
-            return true;
-        }
-        return trust_new_origin(wheel, sample, dt);
+        const Real off = Real(sample.position_rad - wheel.taken.position) - wheel.speed * dt;
+        if (wheel.refused_alike > 0 || (wheel.heard && !(std::abs(off) <= reach(dt))))
+            return trust_again(wheel, sample, dt, off);
+        wheel.trusted += wheel.trusted < int(kSampleMemory);
+        wheel.taken = {sample.time_ns, sample.position_rad};
+        return true;
     }
 
-    [[gnu::noinline]] bool trust_new_origin(Wheel& wheel, const EncoderSample& sample, Real since_taken) {
+    // What was refused as too far away is no nearer for having had more time since the last that was taken.
+    [[gnu::noinline]] bool trust_again(Wheel& wheel, const EncoderSample& sample, Real since_taken,
+                                       Real off) {
         constexpr int kAlike = kNewOriginSamples - 1;  // two slopes that agree
         if (sample.time_ns <= wheel.refused.time_ns) return false;
         const Real dt = seconds(sample.time_ns - wheel.refused.time_ns);
+        if (wheel.refused_alike > 0 && std::abs(off) <= reach(dt)) {
+            wheel.refused_alike = 0;
+            return trust(wheel, sample);
+        }
         const Real slope = Real(sample.position_rad - wheel.refused.position) / dt;
         const bool first = wheel.refused_alike == 0;
         const bool second = wheel.refused_alike == 1;
@@ -439,6 +443,15 @@ inline double fastest_wheel_rad_per_s(const model::RobotParameters& from) {
            std::min(radius.left, radius.right);
 }
 
+// By which a wheel's angle may leap as it turns, for its encoder is coarse. Where the encoders' noise was
+// measured: a step leaves a twelfth root of it as noise, half of which a drive's own estimator takes away;
+// and three times as much, as the noise is the mean of two.
+inline double encoder_step_rad(const model::RobotParameters& from) {
+    constexpr double kStepPerNoise = 20;
+    const double noise_rad = from.velocity_loop.angle_noise_rad;
+    return noise_rad > 0 ? std::min(kStepPerNoise * noise_rad, kCoarsestStep_rad) : kCoarsestStep_rad;
+}
+
 template <typename Real>
 WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters& from, Real cycle_s) {
     WheelObserverSettings<Real> to;
@@ -447,6 +460,7 @@ WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters
     to.bandwidth_rad_per_s = Real(velocity_loop_speed(from, double(cycle_s)).observer_bandwidth_rad_per_s);
     to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s + model::effects_delay_s(from.effects));
     to.fastest_rad_per_s = Real(fastest_wheel_rad_per_s(from));
+    to.coarsest_step_rad = Real(encoder_step_rad(from));
     // a tenth of what the torque limit can give
     to.calm_acceleration_rad_per_s2 =
         Real(0.1 * 2 * from.limits.torque_Nm * from.dynamics.k7_per_kg_m / from.geometry.mean_radius_m());

@@ -451,6 +451,28 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
     }
 }
 
+// What a wheel that stood may turn follows from its encoder; one that turned is believed as long as any is.
+TEST(EncoderWatch, a_wheel_that_stood_may_turn_less_unseen_where_its_encoder_is_fine) {
+    EncoderWatchSettings fine = kSettings;
+    fine.unseen_from_rest_rad = 0.02;
+    for (const bool right : {false, true}) {
+        for (const bool stood : {true, false}) {
+            Told t(fine);
+            LONGS_EQUAL(0, t.cycles({one(right, stood ? 3.125 : 20, 2), {}, {}, {}}, 32));
+            Cycle c{{}, {}, {}, one(right, 2, 0)};
+            c.stands[right] = true;
+            const double least = stood ? 0.0 : 20 - of(kBrakes_rad_per_s, right) * 16;
+            // a wheel that may have come to rest in 16 cycles
+            if (stood && of(kBrakes_rad_per_s, right) * 16 < 3.125) continue;
+            const int coarse = first_unseen(least, of(kOwn_per_Nm, right) * 0.75);
+            const int seen = t.cycles(c, 500);
+            const double share = std::sqrt(fine.unseen_from_rest_rad / kUnseen_rad);
+            if (stood) DOUBLES_EQUAL(share * coarse, seen, 1.5);
+            if (!stood) LONGS_EQUAL(coarse, seen);
+        }
+    }
+}
+
 // Five frames with one angle at least, however fast it was.
 TEST(EncoderWatch, the_same_frame_again_says_nothing_new) {
     for (const bool right : {false, true}) {
@@ -950,6 +972,19 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
             LONGS_EQUAL(span, to.span_cycles);
             DOUBLES_EQUAL(0.1 * span, to.full_impulse_Ns, 1e-12);  // 2 * 4 / 0.08 N
             DOUBLES_EQUAL(identifying ? row.known_Nm : 0, to.known_friction_Nm, 1e-12);
+            DOUBLES_EQUAL(kUnseen_rad, to.unseen_from_rest_rad, 1e-12);  // no noise was measured
         }
+    }
+    // of steps twenty times the noise, and of what 400 rad/s^2 does in 6 ms
+    for (const auto& [noise_rad, expected_rad] :
+         {std::pair{1e-4, 3e-3 + 7.2e-3}, {1e-3, 3e-2 + 7.2e-3}, {5e-3, kUnseen_rad}}) {
+        model::RobotParameters p = parameters();
+        p.geometry = {{0.06, 0.1}, 0.4};
+        p.dynamics.k7_per_kg_m = 4;
+        p.dynamics.k8_per_kg_m2 = 20;
+        p.velocity_loop.actuation_delay_s = 2e-3;
+        p.velocity_loop.angle_noise_rad = noise_rad;
+        DOUBLES_EQUAL(expected_rad, encoder_watch_settings(p, true).unseen_from_rest_rad, 1e-12);
+        DOUBLES_EQUAL(kUnseen_rad, encoder_watch_settings(p, false).unseen_from_rest_rad, 1e-12);
     }
 }

@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <string>
 
 #include "tests/control/inner_loop.hpp"
 
@@ -220,4 +221,37 @@ TEST(WheelObserver, AFrameSoLateThatItCountsForTheNextSpoilsNoAngleLater) {
                 kSpeed_rad_per_s);
     CHECK(found > 20'000);
     CHECK(worst_rad < 1.5e-3 * kSpeed_rad_per_s);
+}
+
+// Any new origin but one that is nearer than a step of this encoder and what the fastest wheel turns in a
+// period: that one is read as a motion.
+TEST(WheelObserver, ADrivesNewOriginIsNoMotion) {
+    auto parameters = bench::notes_robot();
+    parameters.velocity_loop.angle_noise_rad = 1e-4;
+    const double nearest = fastest_wheel_rad_per_s(parameters) * 1e-3 + encoder_step_rad(parameters);
+    DOUBLES_EQUAL(2e-3, encoder_step_rad(parameters), 1e-15);
+    for (const double size : {1.1, 2.0, 2.9, 3.9, 5.0, 100.0}) {
+        for (const double way : {1.0, -1.0}) {
+            Rig<double> rig(parameters, matching(parameters), 9);
+            for (int k = 0; k < 300; ++k) rig.cycle(1, 1);
+            const double leap = way * size * nearest;
+            double worst = 0, turned = 0;
+            const double before = rig.robot.wheel_left;
+            for (int k = 0; k < 100; ++k) {
+                rig.observer.torque_sent({1, 1});
+                rig.robot.cycle(1, 1);
+                rig.observer.update(
+                    rig.robot.now_ns(),
+                    {rig.robot.left.position_rad + leap, rig.robot.speed_left(), rig.robot.left.time_ns},
+                    {rig.robot.right.position_rad, rig.robot.speed_right(), rig.robot.right.time_ns},
+                    rig.model);
+                turned += rig.observer.turned_rad().left;
+                worst = std::max(worst, std::abs(rig.observer.motion().wheel_speed_rad_per_s.left -
+                                                 rig.robot.speed_left()));
+            }
+            const std::string text = std::to_string(way * size);
+            CHECK_TEXT(worst < 0.3, (text + ": " + std::to_string(worst)).c_str());
+            DOUBLES_EQUAL_TEXT(rig.robot.wheel_left - before, turned, 0.02, text.c_str());
+        }
+    }
 }

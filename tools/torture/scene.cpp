@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <numbers>
 
 #include "firmware/control/trajectory.hpp"
 #include "tools/cli/robots.hpp"
@@ -44,6 +45,11 @@ void identify(SceneSetup& setup, const model::Dynamics<double>& seen, double del
         }
     }
     p.velocity_loop.actuation_delay_s = delay_s + kCycleDelay_s;
+    // A drive's own estimator takes half of an encoder's noise.
+    const double gear = (p.drive.left.gear_ratio + p.drive.right.gear_ratio) / 2;
+    const double step_rad = 2 * std::numbers::pi / (setup.simulation.encoder_counts_per_turn * gear);
+    p.velocity_loop.angle_noise_rad =
+        0.5 * std::hypot(setup.simulation.encoder_noise_rad, step_rad / std::sqrt(12.0));
 }
 
 }  // namespace

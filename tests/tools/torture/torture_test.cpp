@@ -35,13 +35,13 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"lie_sign", 51192, "late"},
-    {"lie_frozen", 51005, "late"},               // during an identification, as the next two
-    {"lie_both_frozen", 51005, "late"},
-    {"lie_frame_repeated", 51005, "late"},
+    {"drive_deaf", 131030, "name"},              // encoder_implausible
+    {"lie_sign", 141021, "late"},
+    {"lie_frozen", 141101, "late"},
+    {"lie_both_frozen", 141095, "late"},         // during an identification, as the next
+    {"lie_frame_repeated", 141105, "late"},
     {"lie_half_speed", 29, "quicker"},
-    {"origin_jump", 75, "false trip"},           // over_speed
-    {"swapped_nodes", 22, "quicker"},
+    {"swapped_nodes", 141062, "quicker"},
     // clang-format on
 };
 
