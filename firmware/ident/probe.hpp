@@ -76,7 +76,7 @@ struct ProbeFindings {
     double k7_per_kg_m{}, k8_per_kg_m2{};   // rough
     WheelPair<double> pushed_m_per_s2_Nm;   // rim acceleration of each wheel by its own torque
     WheelPair<double> dragged_m_per_s2_Nm;  // and by the other one's
-    bool on_floor = false;                  // the wheel that moves more: speed_acts(); false: not known
+    bool on_floor = false;                  // the wheel that moves more; false: not known
     double torque_limit_Nm{};               // what the drives deliver at most, as far as it was tried
     bool clipped = false;                   // less than was asked
     bool clipped_by_report = false;         // the drives' own reports say so; otherwise the motion does
@@ -489,7 +489,8 @@ class Probe {
         if (!answers_stand_out()) return false;
         const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
         const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
-        found_.on_floor = speed_acts(slowed(own.right > own.left ? 1 : 0));
+        const std::size_t quicker = own.right > own.left ? 1 : 0;
+        found_.on_floor = speed_acts(slowed(quicker)) || sides_.rolls(quicker);
         const IdentCause fault =
             wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
                              !found_.on_floor && (pushed_well_ || ran_free_ != IdentCause::none));

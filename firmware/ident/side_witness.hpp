@@ -103,11 +103,35 @@ class SideWitness {
     }
     bool confirmed() const { return confirmed_; }
 
+    // By the poses a wheel's rim (0 left, 1 right) has gone, straight on and in the turn, as far as its
+    // encoder says: it rolls on the floor. One in the air turns faster than the other, and backwards in the
+    // turn. False tells nothing.
+    bool rolls(std::size_t wheel) const {
+        const double side_m = (wheel == 0 ? -1 : 1) * geometry_.track_m / 2;
+        const auto rim_m = [&](const Halt& halt) {
+            return wheel == 0 ? geometry_.wheel_radius_m.left * halt.angle_rad.left
+                              : geometry_.wheel_radius_m.right * halt.angle_rad.right;
+        };
+        for (const std::size_t from : {0, 1}) {
+            const Halt &a = halts_[from], &b = halts_[from + 1];
+            if (std::min(a.poses, b.poses) == 0) return false;
+            const Way way = seen(from);
+            const double rolled_m = rim_m(b) - rim_m(a);
+            const double sigma_m = std::sqrt(1.0 / a.poses + 1.0 / b.poses) *
+                                   std::hypot(Real(pose_noise_m_), Real(side_m * heading_noise_rad_));
+            const double off_m = std::abs(way.forward_m + side_m * way.turn_rad - rolled_m);
+            if (!(off_m + kClear * sigma_m < kMostSlip * std::abs(rolled_m))) return false;
+        }
+        return true;
+    }
+
   private:
     static constexpr double kSure = 6;  // standard deviations: once in a hundred million runs by chance
     static constexpr double kTells =
         20;  // so many of an averaged pose's: twice kSure, and three tenths for slip
-    static constexpr double kHalf = 0.5;  // of what would be expected: half way between it and nothing
+    static constexpr double kClear = 3;
+    static constexpr double kMostSlip = 0.3;  // less than a third of what a wheel in the air turns too far
+    static constexpr double kHalf = 0.5;      // of what would be expected: half way between it and nothing
 
     struct Halt {
         Pose<double> pose;

@@ -64,7 +64,7 @@ constexpr double kTrack_m = 0.47;
 
 // Halts of a robot whose file has these mistakes, as its poses and its encoders show them: straight on, then
 // turning, both as the file understands it.
-IdentCause judged(int left_sign, int right_sign, bool swapped, bool poses, ident::SideWitness& witness,
+IdentCause judged(double left_sign, double right_sign, bool swapped, bool poses, ident::SideWitness& witness,
                   double forward_m = 0.1, double turn_rad = 0.5) {
     witness.start({{kRadius_m, kRadius_m}, kTrack_m}, 0.002, 0.004);
     Pose<double> pose{1, 2, 3};
@@ -103,6 +103,26 @@ TEST(ProbeParts, poses_name_what_the_wheels_cannot_tell) {
     CHECK(judged(1, 1, true, true, witness) == IdentCause::wheels_swapped);
     CHECK(judged(1, 1, true, false, witness) == IdentCause::none);
     CHECK_FALSE(witness.confirmed());
+}
+
+// Where its rim has gone as far as its encoder says, by poses, a wheel is no wheel in the air.
+TEST(ProbeParts, poses_tell_a_wheel_that_rolls_from_one_that_turns_in_the_air) {
+    ident::SideWitness witness;
+    const auto rolls = [&](double left_share, double right_share, bool poses, double forward_m = 0.1,
+                           double turn_rad = 0.5) {
+        judged(left_share, right_share, false, poses, witness, forward_m, turn_rad);
+        return std::pair{witness.rolls(0), witness.rolls(1)};
+    };
+    CHECK(rolls(1, 1, true) == std::pair(true, true));
+    CHECK(rolls(1.05, 0.95, true) == std::pair(true, true));  // the file's radii are not quite right
+    CHECK(rolls(1 / 1.55, 1, true) == std::pair(false, true));
+    CHECK(rolls(1, 1 / 1.55, true) == std::pair(true, false));
+    CHECK(rolls(1, 0, true) == std::pair(true, false));
+    CHECK(rolls(1, -1, true) == std::pair(true, false));
+    CHECK(rolls(1, 1, false) == std::pair(false, false));
+    // ways that are lost in the poses' noise
+    CHECK(rolls(1, 1, true, 0.005) == std::pair(false, false));
+    CHECK(rolls(1, 1, true, 0.1, 0.02) == std::pair(false, false));
 }
 
 // The way back of what is exchanged tells twice as much as the way that is missing where a sign is wrong.
