@@ -319,14 +319,22 @@ class WheelObserver {
     }
 
     // What was refused as too far away is no nearer for having had more time since the last that was taken.
+    // One that is near the sample before that says that the last one was wild.
     [[gnu::noinline]] bool trust_again(Wheel& wheel, const EncoderSample& sample, Real since_taken,
                                        Real off) {
         constexpr int kAlike = kNewOriginSamples - 1;  // two slopes that agree
         if (sample.time_ns <= wheel.refused.time_ns) return false;
         const Real dt = seconds(sample.time_ns - wheel.refused.time_ns);
-        if (wheel.refused_alike > 0 && std::abs(off) <= reach(dt)) {
+        const Sample& before = wheel.samples[(wheel.newest + kSampleMemory - 1) % kSampleMemory];
+        const Real off_before = Real(sample.position_rad + wheel.origin - before.position) -
+                                wheel.speed * seconds(sample.time_ns - before.time_ns);
+        const bool near_again = wheel.refused_alike > 0 && std::abs(off) <= reach(dt);
+        const bool last_was_wild =
+            wheel.refused_alike == 0 && wheel.count > 1 && std::abs(off_before) <= reach(since_taken);
+        if (near_again || last_was_wild) {
             wheel.refused_alike = 0;
-            return trust(wheel, sample);
+            wheel.taken = {sample.time_ns, sample.position_rad};
+            return true;
         }
         const Real slope = Real(sample.position_rad - wheel.refused.position) / dt;
         const bool first = wheel.refused_alike == 0;
