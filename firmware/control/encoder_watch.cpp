@@ -6,6 +6,7 @@ namespace {
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);  // of what the torque brakes by, with friction
 constexpr int kHistoryCycles = 16;
+constexpr double kCycle_s = 1e-3;
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
@@ -30,7 +31,6 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     const double limit_Nm = from.limits.torque_Nm;
     const double dry_Nm = limit_Nm - accelerating_Nm(from);
     const double friction_Nm = dry_Nm > 0 ? kFrictionMayBeWrong * dry_Nm : kUnknownFriction * limit_Nm;
-    constexpr double kCycle_s = 1e-3;
     // The observer follows within some of its time constants.
     const double span_s = 1 / velocity_loop_speed(from, kCycle_s).observer_bandwidth_rad_per_s;
     constexpr int kGentleSpan_cycles = 15;
@@ -177,8 +177,20 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
     const Instant& from = instants_[(newest_ - kSpans) % kInstants];
     const Lie lie = turned_round(from, now);
     const bool turned = lie != Lie::none && lie == turned_round(from, last);
-    const bool left = against(0, expected, told);
-    const bool right = against(1, {expected.right, expected.left}, {told.right, told.left});
+    // A robot whose K5 and K6 nobody knows yet may have its mass half a track away from the axle.
+    Real body_rad_per_s = 0;
+    if (k.k5_m == 0) {
+        const auto& g = plant.geometry;
+        const auto body = model::twist_from_wheel_speeds(g, speed_rad_per_s);
+        const Real turning = std::abs(body.omega_rad_per_s);
+        body_rad_per_s = Real(span_cycles_ * kCycle_s) * turning *
+                         (g.track_m / 2 * turning + std::abs(body.v_m_per_s)) /
+                         std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
+    }
+    const Real least =
+        std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s));
+    const bool left = against(0, expected, told, least);
+    const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
     const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
     return turned || left || right || against_pushes;
 }
@@ -208,11 +220,11 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other
 // one does what is expected. `expected`, `told`: this wheel's gain in the last span first.
-bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told) {
+bool EncoderWatch::against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
+                           Real least_rad_per_s) {
     const Real size = std::abs(expected.left);
     int& cycles = against_cycles_[wheel];
-    if (size < std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * unexpected_rad_per_s_))
-        return false;  // tells nothing
+    if (size < least_rad_per_s) return false;  // tells nothing
     if (std::abs(told.left - expected.left) <= kLikeness * size) {
         cycles = 0;
     } else if (std::abs(told.left + expected.left) <= kLikeness * size &&

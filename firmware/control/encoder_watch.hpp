@@ -99,7 +99,8 @@ class EncoderWatch {
                 const PlantModel<Real>& plant, bool model_known) const;
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
     Lie turned_round(const Instant& from, const Instant& to) const;
-    bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told);
+    bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
+                 Real least_rad_per_s);
     [[gnu::noinline]] void push(Real elapsed_s, const WheelPair<Real>& torque_Nm,
                                 const PlantModel<Real>& plant);
     [[gnu::noinline]] bool against_push(const WheelPair<Real>& speed_rad_per_s, const WheelPair<Real>& told,

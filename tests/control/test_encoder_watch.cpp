@@ -279,7 +279,7 @@ struct Told {
 
     explicit Told(const EncoderWatchSettings& of_watch = kSettings) : settings(of_watch) {
         plant.geometry = {kRadius_m, kTrack_m};
-        plant.dynamics = {0, 0, kK7, kK8};
+        plant.dynamics = {1e-30, 0, kK7, kK8};  // K5 is known, and next to nothing
         plant.effects = {};
         expects = plant;
         observed.cycle_s = observed.encoder_period_s = 1e-3;
@@ -825,6 +825,22 @@ TEST(EncoderWatch, gains_of_speed_must_be_more_than_noise) {
                 if (lies) seen = n;
             }
             LONGS_EQUAL(5 + (by_pushes ? 4 : 9) + (less < 0), seen);
+        }
+    }
+}
+
+// A body that turns moves its wheels by K5 and K6.
+TEST(EncoderWatch, where_nobody_knows_K5_gains_of_speed_in_a_turn_tell_nothing) {
+    for (const bool known : {true, false}) {
+        for (const bool turns : {true, false}) {
+            Told t;
+            t.plant.dynamics.k5_m = known ? 1e-30 : 0;
+            t.speed_rad_per_s = turns ? WheelPair<double>{-20, 20} : WheelPair<double>{0, 0};
+            t.spans(5, t.speed_rad_per_s);
+            int seen = 0;
+            for (int n = 1; n <= 14 && seen == 0; ++n)
+                if (t.gains({-0.5, 0}, {0.5, 0})) seen = n;
+            CHECK_EQUAL(known || !turns, seen > 0);
         }
     }
 }
