@@ -179,12 +179,8 @@ class DynamicsEstimator {
     const DynamicsEstimate<Real>& estimate() const { return estimate_; }
     const RegressionFilter<Real, kTaps>& filter() const { return filter_; }
 
-    // Of the torque columns: as wide as a delay that is all lag asks for, and none lies before the torque was
-    // told.
-    double tap_spacing_s() const {
-        const double wide_s = std::max(kLeastTapSpacing_s, kTapSpacingPerDelay * delay_s_);
-        return std::min(wide_s, delay_s_ + 1.9 * sample_time_s_);
-    }
+    // Of the torque columns: so that none lies before the torque was told.
+    double tap_spacing_s() const { return std::min(kLargestTapSpacing_s, delay_s_ + 1.9 * sample_time_s_); }
 
     // Standard errors of K5, and of K6 as the length K5 that belongs to it.
     Real k5_error_m() const { return estimate_.standard_error.k5_m; }
@@ -238,8 +234,7 @@ class DynamicsEstimator {
     static constexpr int kFixed = 9;  // from here on the effects' columns
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr int kMaxColumns = static_cast<int>(model::kMaxEstimatedColumns);
-    static constexpr double kLeastTapSpacing_s = 0.003;
-    static constexpr double kTapSpacingPerDelay = 1.4;  // an exponential's standard deviation is its mean
+    static constexpr double kLargestTapSpacing_s = 0.003;
     static constexpr double kTimingMemory_s = 0.8;      // how long the data tell a delay that wanders
     // Standard errors from fewer are too uncertain to stop on.
     static constexpr std::uint32_t kRowsToJudge = 500;
