@@ -235,7 +235,7 @@ class DynamicsEstimator {
     static constexpr int kSize = kFixed + static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr int kMaxColumns = static_cast<int>(model::kMaxEstimatedColumns);
     static constexpr double kLargestTapSpacing_s = 0.003;
-    static constexpr double kTimingMemory_s = 0.8;      // how long the data tell a delay that wanders
+    static constexpr double kTimingMemory_s = 0.8;  // how long the data tell a delay that wanders
     // Standard errors from fewer are too uncertain to stop on.
     static constexpr std::uint32_t kRowsToJudge = 500;
     static constexpr int kRunRows = 16;
