@@ -6,7 +6,6 @@ namespace {
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);  // of what the torque brakes by, with friction
 constexpr int kHistoryCycles = 16;
-constexpr double kCycle_s = 1e-3;
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
@@ -32,23 +31,24 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     const double dry_Nm = limit_Nm - accelerating_Nm(from);
     const double friction_Nm = dry_Nm > 0 ? kFrictionMayBeWrong * dry_Nm : kUnknownFriction * limit_Nm;
     // The observer follows within some of its time constants.
-    const double span_s = 1 / velocity_loop_speed(from, kCycle_s).observer_bandwidth_rad_per_s;
+    const double span_s = 1 / velocity_loop_speed(from, kObserverCycle_s).observer_bandwidth_rad_per_s;
     constexpr int kGentleSpan_cycles = 15;
-    const int span_cycles = identifying ? kGentleSpan_cycles
-                                        : std::clamp(static_cast<int>(std::lround(span_s / kCycle_s)), 6, 20);
+    const int span_cycles = identifying
+                                ? kGentleSpan_cycles
+                                : std::clamp(static_cast<int>(std::lround(span_s / kObserverCycle_s)), 6, 20);
     const double held_Nm =
         std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
     // No sooner than the angle can have changed: by what full torque does until the drives have told of it.
     const double full_rad_per_s2 =
         (from.dynamics.k7_per_kg_m + from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2) * limit_Nm /
         from.geometry.mean_radius_m();
-    const double late_s = from.velocity_loop.actuation_delay_s + kFrames * kCycle_s;
-    const double seen_rad = 1.5 * encoder_step_rad(from) + full_rad_per_s2 * late_s * late_s / 2;
+    const double late_s = from.velocity_loop.actuation_delay_s + kFrames * kObserverCycle_s;
+    const double seen_rad = kMostUnseenSteps * encoder_step_rad(from) + full_rad_per_s2 * late_s * late_s / 2;
     return {Real(limit_Nm),
             Real(held_Nm),
             Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
-            Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kCycle_s),
+            Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kObserverCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
             identifying ? std::min(Real(seen_rad), kUnseen_rad) : kUnseen_rad};
 }
@@ -183,7 +183,7 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
         const auto& g = plant.geometry;
         const auto body = model::twist_from_wheel_speeds(g, speed_rad_per_s);
         const Real turning = std::abs(body.omega_rad_per_s);
-        body_rad_per_s = Real(span_cycles_ * kCycle_s) * turning *
+        body_rad_per_s = Real(span_cycles_ * kObserverCycle_s) * turning *
                          (g.track_m / 2 * turning + std::abs(body.v_m_per_s)) /
                          std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
     }

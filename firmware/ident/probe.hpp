@@ -468,7 +468,8 @@ class Probe {
         }
         rest_then(turning ? Stage::pulses : Stage::turning);
     }
-    // One wheel answers so much more than the other that it may be in the air, and that may be noise.
+    // One wheel answers so much more than the other that it may be in the air, and with this noise of the
+    // answers runs_free() could not say so.
     bool unlike_by_noise() const {
         const double left = std::abs(answered_[0].mean()), right = std::abs(answered_[1].mean());
         const double unsure = kSure * std::max(answered_[0].error(), answered_[1].error());

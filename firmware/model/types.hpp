@@ -26,7 +26,8 @@ using Real = std::conditional_t<kBare, float, double>;
 inline constexpr double kCoarsestStep_rad = 6.283185307179586 / 64;
 // What a wheel whose encoder tells the truth has turned at most, while what is told has not changed by a
 // digit: a step, and where in a step it began.
-inline constexpr double kMostUnseen_rad = 1.5 * kCoarsestStep_rad;
+inline constexpr double kMostUnseenSteps = 1.5;
+inline constexpr double kMostUnseen_rad = kMostUnseenSteps * kCoarsestStep_rad;
 
 // One value per wheel.
 template <typename Real>

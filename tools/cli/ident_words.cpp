@@ -55,14 +55,12 @@ constexpr std::array<Row, protocol::ident_cause_values.size()> kCauses{{
       "calibrate the right drive's motor and encoder again; on a slope, begin on level floor"}},
     {IdentCause::left_wheel_off_ground,
      {"the left wheel turns without moving the robot",
-      "put it on the floor; a loose hub or a slippery floor looks alike; seldom a weak right drive or a "
-      "weight far "
-      "to the right, which an external pose tells from it"}},
+      "put it on the floor; a loose hub or a slippery floor looks alike; seldom a weak right drive or "
+      "a weight far to the right, which an external pose tells from it"}},
     {IdentCause::right_wheel_off_ground,
      {"the right wheel turns without moving the robot",
-      "put it on the floor; a loose hub or a slippery floor looks alike; seldom a weak left drive or a "
-      "weight far "
-      "to the left, which an external pose tells from it"}},
+      "put it on the floor; a loose hub or a slippery floor looks alike; seldom a weak left drive or "
+      "a weight far to the left, which an external pose tells from it"}},
     {IdentCause::left_sign_wrong,
      {"told to drive straight on, the robot turned: the left wheel goes backwards",
       "change drive.left.sign"}},

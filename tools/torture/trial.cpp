@@ -153,7 +153,7 @@ class Judge final : public sim::BusTap {
             // What is driven after a clear that was asked for is another drive; it may begin at rest.
             if (clear_asked_ && fault_ != Fault::none && supervisor.fault() == Fault::none && !cleared_) {
                 cleared_ = true;
-                if (rim_m_per_s(world) > (1 + kRoom) * p.safety.clear_speed_m_per_s + kRoom)
+                if (rim_m_per_s(world) > 2 * p.safety.clear_speed_m_per_s)
                     violate("cleared", text("at %.2f m/s", rim_m_per_s(world)));
             }
             if (supervisor.fault() != Fault::none && fault_ != supervisor.fault()) {

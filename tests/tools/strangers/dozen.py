@@ -18,7 +18,8 @@ FAULTS = 8  # each once
 AGAIN = 4   # the number of the robot that is run again
 # Healthy robots that were once called faulty: seed, number, what they were taken for.
 MISJUDGED = ((442385866, 199, "an encoder that lies"), (94087110, 46, "a wheel in the air"), (2959479275, 173, "a wheel in the air"),
-             (2176942132, 130, "a wheel in the air"))
+             (2176942132, 130, "a wheel in the air"), (2306339843, 34, "a wheel in the air"), (2546702790, 104, "an encoder that lies"),
+             (2367965218, 91, "an encoder that lies"))
 # Wheels in the air that once ended with no_room: pushed too quickly to be seen, as quick as the limit, and delay_not_found.
 LIFTED = ((98766, 317), (98766, 509), (98765, 517))
 # What must hold already, of the good robots and of those with faults.

@@ -35,7 +35,6 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"drive_deaf", 131030, "name"},              // encoder_implausible
     {"lie_sign", 141021, "late"},
     {"lie_frozen", 141101, "late"},
     {"lie_both_frozen", 141095, "late"},         // during an identification, as the next
