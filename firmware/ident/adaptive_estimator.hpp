@@ -22,9 +22,15 @@
 // to which both rows contribute. Being linear, it finds its way from any doubt: the same regression with
 // accelerations predicted from torques is bilinear, and after a large change its first rows settle what they
 // should only have narrowed. The price is noise in the regressors v' and omega', which would pull A and B to
-// zero where the robot hardly accelerates. So the covariance and the gain see those accelerations that follow
-// from what was measured and from what the model expects, each by what it is worth; only the residual has the
-// measured ones (an instrumental variable: Soderstrom and Stoica 1983).
+// zero where the robot hardly accelerates. So the covariance and the gain see the measured accelerations
+// moved towards those that the model expects, by the share that the sensors have in the residual: what is
+// left of the sensors' noise in them and what they then have of the torque's disturbance pull by as much,
+// against each other. Only the residual has the measured ones (an instrumental variable: Soderstrom and
+// Stoica 1983).
+//
+// What the model lacks, friction above all, changes slowly: residuals resemble the one before. Rows are
+// therefore whitened: from each, regressors and torque alike, `colour` times the one before is taken, and
+// `colour` is learned so that no likeness is left (Cochrane and Orcutt 1949).
 //
 // Directional forgetting with the memory `memory_s`. A row that tells less than would be forgotten for it is
 // not learned from, and none while neither A nor B is excited: where nothing excites a parameter it stays,
@@ -142,6 +148,8 @@ class AdaptiveEstimator {
         const Real wheel = options.angle_noise_rad * std::sqrt(6 / m) / (interval_s * interval_s);
         const Real rim = wheel * static_cast<Real>(options.filter.geometry.mean_radius_m());
         row_ = {};
+        colour_ = 0;
+        to_learn_from_ = false;
         row_[0].power = row_[0].least = std::max(rim * rim / 2 * a * a, kTinyVariance);
         row_[1].power = row_[1].least =
             std::max(rim * rim / 2 * per_track_ * per_track_ * b * b, kTinyVariance);
@@ -154,6 +162,7 @@ class AdaptiveEstimator {
         estimate_.effects.active = filter_.estimated();
         estimate_.effects.active[model::kCogLateral] = lateral_;
         work_ = Work::none;
+        held_ = variance;
         watch_excitation();
         excited_.fill(false);
         publish();
@@ -173,7 +182,114 @@ class AdaptiveEstimator {
             return false;
         }
         --cycles_left_;
-        if (busy && cycles_left_ > kSteps) return false;
+        if (work_ == Work::none || (busy && cycles_left_ > kSteps)) return false;
+        return work_on_row();
+    }
+
+    const DynamicsEstimate<Real>& estimate() const { return estimate_; }
+
+    // Deviation of a row's acceleration, from sensors and from what the model does not know, at a wheel's
+    // rim, forward and turning; and the time between rows.
+    WheelPair<Real> row_noise_m_per_s2() const {
+        return {std::sqrt(noise(row_[0])) / rls_.theta()[kMass],
+                std::sqrt(noise(row_[1])) / rls_.theta()[kInertia] * track_m_ / 2};
+    }
+    Real row_interval_s() const {
+        return static_cast<Real>(filter_.block_samples() * options_.filter.sample_time_s);
+    }
+
+    // Whether parameter K5, K7, K8 is held for lack of excitation.
+    struct Frozen {
+        bool k5, k7, k8;
+    };
+    Frozen frozen() const { return {!excited_[kAhead], !excited_[kMass], !excited_[kInertia]}; }
+
+    // Rows still to pass before the doubt after a detected change is applied; 0 otherwise.
+    int rows_held() const { return hold_rows_; }
+
+    const RegressionFilter<Real>& filter() const { return filter_; }
+
+  private:
+    // Where what stands in theta; the first kLoad are what a load can change.
+    static constexpr std::size_t kMass = 0, kInertia = 1, kAhead = 2, kLeft = 3, kLoad = 4, kMismatch = 4;
+    static constexpr std::size_t kWatched = 3;  // the first, whether they are excited
+    static constexpr std::size_t kFixed = 5;
+    static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
+    static constexpr int kSteps = 16;      // cycles that a row's work takes, with a doubt
+    static constexpr int kWindowRows = 3;  // rows that one event can touch
+    static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
+    static constexpr int kRunRows = 16;
+    static constexpr int kNoiseRows = 300;  // over which the noise is averaged
+    // Of sums of innovations over their deviation, squared: of four, chance alone is beyond it as seldom as
+    // one is beyond five deviations.
+    static constexpr Real kSumGate = Real(34.5);
+    static constexpr Real kAlike = Real(1e-6);  // relative: regressors that differ by less are the same
+    static constexpr Real kNoiseAtFirst = Real(0.02);      // of the torque, until it is measured
+    static constexpr Real kBestModel = Real(0.01);         // of the accelerating torque: no model is better
+    static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
+    static constexpr Real kLeastEffectError = Real(0.05);  // relative, of the effects' parameters
+    static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
+    static constexpr Real kOffsetError = Real(0.05);       // of the track: batteries, a motor on one side
+    static constexpr Real kMismatchError = Real(0.1);      // motor constants of one kind, and a weak drive
+    static constexpr Real kMostColour = Real(0.95);        // a row's likeness to the one before
+    static constexpr Real kTinyVariance = Real(1e-14);
+    using Vector = std::array<Real, kSize>;
+    using Rls = UdRls<Real, kSize, true>;
+    using LoadVector = Eigen::Matrix<Real, static_cast<int>(kLoad), 1>;
+    using LoadMatrix = Eigen::Matrix<Real, static_cast<int>(kLoad), static_cast<int>(kLoad)>;
+    enum class Work : std::uint8_t {
+        none,
+        doubt,
+        linear_instrument,
+        turning_instrument,
+        linear,
+        learn_linear,
+        turning,
+        learn_turning,
+        monitor_linear,
+        monitor_turning,
+        monitor_settles,
+        compare,
+        hold_variances,
+        watch,
+        doubt_mass,
+        doubt_inertia,
+        publish
+    };
+
+    // Innovations over their deviations, since the last change, or since they were learned from.
+    struct Quiet {
+        Real squares = 0, slow_squares = 0, sum = 0, last = 0, products = 0;  // of one and the one before
+        int rows = 0;
+    };
+    struct Row {
+        std::array<Vector, 2> plain{};  // regressors of this row and the one before, taking turns
+        std::array<Real, 2> plain_torque_Nm{};
+        Vector phi{};       // regressor, whitened, over the row's deviation
+        Real residual{};    // Nm
+        Real innovation{};  // over the row's deviation
+        typename Rls::Projection projection{};
+        Real power{};           // of innovations, Nm^2, less the share that is the estimate's own error
+        Real slow_power{};      // the same of sums over kRunRows rows, over their number
+        Real moving_power = 0;  // mean square of the accelerating torque, Nm^2
+        Real least{};           // by the noise of the angles alone
+        int seen = 0;           // rows that told the torque, up to kRunRows
+        int measured = 0;       // rows whose noise was learned, up to kNoiseRows
+        Quiet quiet;
+    };
+    // Fading sums over rows: of innovations that go with a parameter's regressor, and the variance that they
+    // have by chance.
+    struct Window {
+        LoadVector score = LoadVector::Zero();
+        LoadMatrix noise = LoadMatrix::Zero(), power = LoadMatrix::Zero();
+        Real keep{};   // by each row of either equation
+        int rows = 0;  // of both equations
+    };
+
+    std::size_t size() const { return static_cast<std::size_t>(size_); }
+
+    // One step of the row's work. True: the last one. Apart, so that cycles without work stay short.
+    [[gnu::noinline]] bool work_on_row() {
         switch (work_) {
             case Work::none:
                 return false;
@@ -192,7 +308,6 @@ class AdaptiveEstimator {
                 work_ = Work::linear;
                 return false;
             case Work::linear:
-                linear_row();
                 row_[0].phi[kMass] = instrument_.v_m_per_s2;
                 row_[0].phi[kLeft] = -instrument_.omega_rad_per_s2;
                 work_ = judge(row_[0]) ? Work::learn_linear : Work::turning;
@@ -228,6 +343,10 @@ class AdaptiveEstimator {
                 if (hold_rows_ == 0 && window_shows_change())
                     for (Row& row : row_) hold(row);
                 was_quiet_ = was_quiet_ && hold_rows_ == 0;
+                work_ = Work::hold_variances;
+                return false;
+            case Work::hold_variances:
+                for (std::size_t i = 0; i < size(); ++i) held_[i] = rls_.variance(static_cast<int>(i));
                 work_ = Work::watch;
                 return false;
             case Work::watch:
@@ -250,107 +369,13 @@ class AdaptiveEstimator {
         return false;
     }
 
-    const DynamicsEstimate<Real>& estimate() const { return estimate_; }
-
-    // Deviation of a row's acceleration, from sensors and from what the model does not know, at a wheel's
-    // rim, forward and turning; and the time between rows.
-    WheelPair<Real> row_noise_m_per_s2() const {
-        return {std::sqrt(noise(row_[0])) / rls_.theta()[kMass],
-                std::sqrt(noise(row_[1])) / rls_.theta()[kInertia] * track_m_ / 2};
-    }
-    Real row_interval_s() const {
-        return static_cast<Real>(filter_.block_samples() * options_.filter.sample_time_s);
-    }
-
-    // Whether parameter K5, K7, K8 is held for lack of excitation.
-    struct Frozen {
-        bool k5, k7, k8;
-    };
-    Frozen frozen() const { return {!excited_[kAhead], !excited_[kMass], !excited_[kInertia]}; }
-
-    // Rows still to pass before the doubt after a detected change is applied; 0 otherwise.
-    int rows_held() const { return hold_rows_; }
-
-    const RegressionFilter<Real>& filter() const { return filter_; }
-
-  private:
-    // Where what stands in theta; the first kLoad are what a load can change.
-    static constexpr std::size_t kMass = 0, kInertia = 1, kAhead = 2, kLeft = 3, kLoad = 4, kMismatch = 4;
-    static constexpr std::size_t kWatched = 3;  // the first, whether they are excited
-    static constexpr std::size_t kFixed = 5;
-    static constexpr int kSize = static_cast<int>(kFixed + model::kMaxEstimatedColumns);
-    static constexpr int kSteps = 15;      // cycles that a row's work takes, with a doubt
-    static constexpr int kWindowRows = 3;  // rows that one event can touch
-    static constexpr int kFewestRows = 4;  // that a change is seen from, unless one alone shows it
-    static constexpr int kRunRows = 16;
-    static constexpr int kNoiseRows = 300;  // over which the noise is averaged
-    // Of sums of innovations over their deviation, squared: of four, chance alone is beyond it as seldom as
-    // one is beyond five deviations.
-    static constexpr Real kSumGate = Real(34.5);
-    static constexpr Real kAlike = Real(1e-6);  // relative: regressors that differ by less are the same
-    static constexpr Real kNoiseAtFirst = Real(0.02);      // of the torque, until it is measured
-    static constexpr Real kBestModel = Real(0.01);         // of the accelerating torque: no model is better
-    static constexpr Real kLeastError = Real(0.01);        // relative, of K7 and K8 at the start
-    static constexpr Real kLeastEffectError = Real(0.05);  // relative, of the effects' parameters
-    static constexpr Real kAlertness = Real(5e-4);         // relative error that is never undercut
-    static constexpr Real kOffsetError = Real(0.05);       // of the track: batteries, a motor on one side
-    static constexpr Real kMismatchError = Real(0.1);      // motor constants of one kind, and a weak drive
-    static constexpr Real kLeastOverNoise = 4;             // an acceleration that tells something
-    static constexpr Real kTinyVariance = Real(1e-14);
-    using Vector = std::array<Real, kSize>;
-    using Rls = UdRls<Real, kSize, true>;
-    using LoadVector = Eigen::Matrix<Real, static_cast<int>(kLoad), 1>;
-    using LoadMatrix = Eigen::Matrix<Real, static_cast<int>(kLoad), static_cast<int>(kLoad)>;
-    enum class Work : std::uint8_t {
-        none,
-        doubt,
-        linear_instrument,
-        turning_instrument,
-        linear,
-        learn_linear,
-        turning,
-        learn_turning,
-        monitor_linear,
-        monitor_turning,
-        monitor_settles,
-        compare,
-        watch,
-        doubt_mass,
-        doubt_inertia,
-        publish
-    };
-
-    // Innovations over their deviations, since the last change, or since they were learned from.
-    struct Quiet {
-        Real squares = 0, slow_squares = 0, sum = 0;
-        int rows = 0;
-    };
-    struct Row {
-        Vector phi{};       // regressor over the row's deviation
-        Real residual{};    // Nm
-        Real innovation{};  // over the row's deviation
-        typename Rls::Projection projection{};
-        Real power{};           // of innovations, Nm^2, less the share that is the estimate's own error
-        Real slow_power{};      // the same of sums over kRunRows rows, over their number
-        Real moving_power = 0;  // mean square of the accelerating torque, Nm^2
-        Real least{};           // by the noise of the angles alone
-        int seen = 0;           // rows that told the torque, up to kRunRows
-        int measured = 0;       // rows whose noise was learned, up to kNoiseRows
-        Quiet quiet;
-    };
-    // Fading sums over rows: of innovations that go with a parameter's regressor, and the variance that they
-    // have by chance.
-    struct Window {
-        LoadVector score = LoadVector::Zero();
-        LoadMatrix noise = LoadMatrix::Zero(), power = LoadMatrix::Zero();
-        Real keep{};   // by each row of either equation
-        int rows = 0;  // of both equations
-    };
-
-    std::size_t size() const { return static_cast<std::size_t>(size_); }
-
     void begin_row() {
         work_ = Work::none;
+        const bool follows = to_learn_from_;
+        to_learn_from_ = filter_.row().usable && hold_rows_ == 0;
+        place_ = 1 - place_;
+        taken_ = follows ? colour_ : Real(0);
+        kept_ = follows ? Real(1) : std::sqrt(1 - colour_ * colour_);  // alone it tells less
         if (!filter_.row().usable) {
             ++estimate_.masked_rows;
         } else if (hold_rows_ > 0) {
@@ -382,38 +407,43 @@ class AdaptiveEstimator {
     void linear_row() {
         const RegressionRow<Real>& r = filter_.row();
         Row& row = row_[0];
-        row.phi = {r.acceleration.v_m_per_s2, 0, -r.omega_squared, -r.acceleration.omega_rad_per_s2,
-                   -r.torque_Nm[0].difference()};
+        Vector& phi = row.plain[place_];
+        phi = {r.acceleration.v_m_per_s2, 0, -r.omega_squared, -r.acceleration.omega_rad_per_s2,
+               -r.torque_Nm[0].difference()};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
-            row.phi[kFixed + j] = -r.column[j].sum();
+            phi[kFixed + j] = -r.column[j].sum();
         take_residual(row, r.torque_Nm[0].sum());
     }
 
     void turning_row() {
         const RegressionRow<Real>& r = filter_.row();
         Row& row = row_[1];
-        row.phi = {0, r.acceleration.omega_rad_per_s2, per_track_ * r.v_omega,
-                   -per_track_ * r.acceleration.v_m_per_s2, -r.torque_Nm[0].sum()};
+        Vector& phi = row.plain[place_];
+        phi = {0, r.acceleration.omega_rad_per_s2, per_track_ * r.v_omega,
+               -per_track_ * r.acceleration.v_m_per_s2, -r.torque_Nm[0].sum()};
         for (std::size_t j = 0; j < static_cast<std::size_t>(columns_); ++j)
-            row.phi[kFixed + j] = -r.column[j].difference();
+            phi[kFixed + j] = -r.column[j].difference();
         take_residual(row, r.torque_Nm[0].difference());
     }
 
-    // A residual is what the measured acceleration lacks of the expected one, as torque. The expected one is
-    // worth more where the estimate is surer than the measurement. One that noise could have made is none: in
-    // a closed loop the torque answers to that noise.
+    // A residual is what the measured acceleration lacks of the expected one, as torque.
     Real instrument(Row& row, std::size_t i) {
         const Real moving = rls_.theta()[i] * row.phi[i];
         row.moving_power += (moving * moving - row.moving_power) / kNoiseRows;
-        const Real own_error = rls_.projection(row.phi).variance / noise(row);
-        const Real torque = rls_.theta()[i] * row.phi[i] + row.residual / (1 + own_error);
-        return torque * torque > kLeastOverNoise * kLeastOverNoise * noise(row) ? torque / rls_.theta()[i]
-                                                                                : Real(0);
+        const Real own_error = rls_.projection(row.phi).variance;  // of the expected torque
+        const Real sensors =
+            std::min((kept_ * kept_ + taken_ * taken_) * row.least / (noise(row) + own_error), Real(1));
+        return row.phi[i] + sensors * row.residual / rls_.theta()[i];
     }
 
     void take_residual(Row& row, Real torque_Nm) {
-        row.residual = torque_Nm;
-        for (std::size_t i = 0; i < size(); ++i) row.residual -= row.phi[i] * rls_.theta()[i];
+        const std::size_t before = 1 - place_;
+        row.plain_torque_Nm[place_] = torque_Nm;
+        row.residual = kept_ * torque_Nm - taken_ * row.plain_torque_Nm[before];
+        for (std::size_t i = 0; i < size(); ++i) {
+            row.phi[i] = kept_ * row.plain[place_][i] - taken_ * row.plain[before][i];
+            row.residual -= row.phi[i] * rls_.theta()[i];
+        }
     }
 
     // Whether the row may teach. It is then weighed and projected.
@@ -443,7 +473,10 @@ class AdaptiveEstimator {
         if (row.projection.variance > 1) return true;  // shows the estimate's error, not noise
         Quiet& quiet = row.quiet;
         quiet.squares += square;
-        quiet.sum += row.innovation / std::sqrt(deviation);
+        const Real standard = row.innovation / std::sqrt(deviation);
+        quiet.sum += standard;
+        quiet.products += standard * quiet.last;
+        quiet.last = standard;
         if (++quiet.rows % kRunRows == 0) {
             quiet.slow_squares += quiet.sum * quiet.sum / kRunRows;
             quiet.sum = 0;
@@ -487,9 +520,13 @@ class AdaptiveEstimator {
         return score.dot(solved(noise, score)) > kSumGate;
     }
 
-    static LoadVector solved(LoadMatrix matrix, const LoadVector& right) {
-        for (int i = 0; i < right.size(); ++i) matrix(i, i) += kAlike * matrix(i, i) + kTinyVariance;
-        return matrix.llt().solve(right);
+    // What has shown nothing keeps a little power, and noise as little: it is then as uncertain as can be.
+    static LoadMatrix regular(LoadMatrix matrix) {
+        for (int i = 0; i < matrix.rows(); ++i) matrix(i, i) += kAlike * matrix(i, i) + kTinyVariance;
+        return matrix;
+    }
+    static LoadVector solved(const LoadMatrix& matrix, const LoadVector& right) {
+        return regular(matrix).llt().solve(right);
     }
 
     // From a time without a change, so that a change does not hide itself.
@@ -506,6 +543,10 @@ class AdaptiveEstimator {
         const int runs = row.quiet.rows / kRunRows;
         learn(row.power, row.quiet.squares, row.quiet.rows, row.quiet.rows);
         learn(row.slow_power, row.quiet.slow_squares, runs, runs * kRunRows);
+        const Real share = static_cast<Real>(row.quiet.rows) / static_cast<Real>(row.measured);
+        if (row.quiet.squares > 0)
+            colour_ =
+                std::clamp(colour_ + share * row.quiet.products / row.quiet.squares, Real(0), kMostColour);
         row.quiet = {};
     }
 
@@ -529,11 +570,10 @@ class AdaptiveEstimator {
     Real unnoticed(std::size_t i) const {
         const Real most = options_.doubt * rls_.theta()[i];
         const LoadVector by_score = solved(window_.power, LoadVector::Unit(static_cast<int>(i)));
-        return std::min(most * most, kSumGate * by_score.dot(window_.noise * by_score)) / 3;
+        return std::min(most * most, kSumGate * by_score.dot(regular(window_.noise) * by_score)) / 3;
     }
 
     void watch_excitation() {
-        for (std::size_t i = 0; i < size(); ++i) held_[i] = rls_.variance(static_cast<int>(i));
         std::array<Real, kWatched> excitation;
         for (std::size_t i = 0; i < kWatched; ++i) {
             excitation[i] = monitor_.excitation(static_cast<int>(i), held_[i]);
@@ -604,7 +644,10 @@ class AdaptiveEstimator {
     bool was_quiet_ = true;     // a whole window without a change since the last one
     std::size_t doubtful_ = 0;  // of the load's parameters: the next one to be doubted
     Work work_ = Work::none;
-    int cycles_left_ = 0;  // until the next row
+    int cycles_left_ = 0;                // until the next row
+    std::size_t place_ = 0;              // of this row's plain regressors
+    bool to_learn_from_ = false;         // this row
+    Real colour_{}, taken_{}, kept_{1};  // whitening: this row times kept_, less the one before times taken_
     DynamicsEstimate<Real> estimate_{};
 };
 

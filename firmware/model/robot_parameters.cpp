@@ -150,7 +150,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x00F4, adaptation.slip_yaw_rate_rad_per_s, "rad/s", 0.0, 0.01, 20.0, idle, "disagreement of yaw rates that is taken for slip; auto: beyond the external heading's noise and a 20th of limits.yaw_rate_rad_per_s"),
     WW_REAL(0x00F5, adaptation.trust_relative_error, "", 0.05, 0.001, 1.0, idle, "relative standard error within which a model is trusted"),
     WW_REAL(0x00F6, adaptation.range, "", 3.0, 1.01, 100.0, idle, "factor by which K7 and K8 may leave the robot file's values"),
-    WW_REAL(0x00F7, adaptation.dither_error, "", 0.01, 0.0, 0.2, idle, "relative error of K7 and K8 that the dither beside a path is made for; 0: no dither"),
+    WW_REAL(0x00F7, adaptation.dither_error, "", 0.004, 0.0, 0.2, idle, "relative error of K7 and K8 that the dither beside a path is made for; 0: no dither"),
 
     WW_REAL(0x0100, odometry.external_pose_noise_m, "m", 0.002, 1e-5, 1.0, idle, "standard deviation of an external position"),
     WW_REAL(0x0101, odometry.external_heading_noise_rad, "rad", 0.004, 1e-5, 1.0, idle, "standard deviation of an external heading"),

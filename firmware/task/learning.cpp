@@ -52,7 +52,7 @@ Real listed_offset_m(const model::EffectSet<Real>& effects) {
 // period is the one at which it may use both: a shorter one would accelerate less on the way that it has. So
 // many rows are in a period: fewer, and each averages the dither away. Its amplitudes are what tells mass and
 // inertia to adaptation.dither_error within the memory, beside the rows' noise.
-constexpr double kDitherTorqueShare = 0.1;
+constexpr double kDitherTorqueShare = 0.15;
 constexpr double kDitherWayShare = 0.006;
 constexpr double kRowsADither = 3.618;
 constexpr double kDitherOverSettling = 3;  // the loops then follow it

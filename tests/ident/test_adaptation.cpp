@@ -224,7 +224,9 @@ TEST(Adaptation, a_circle_at_constant_speed_freezes_what_it_does_not_excite) {
     CHECK(drive.estimator.frozen().k7 && drive.estimator.frozen().k8);
     CHECK(moved7 < 0.002 && moved8 < 0.002);
     CHECK(drive.error7() < 0.01 && drive.error8() < 0.01);
-    CHECK(largest_variance <= 4 * settled.covariance_diagonal.k8_per_kg_m2);
+    // no more doubt than a load's share put on unnoticed, evenly anything up to 0.3
+    const double load = 0.3 * settled.dynamics.k8_per_kg_m2;
+    CHECK(largest_variance <= load * load / 3 + 4 * settled.covariance_diagonal.k8_per_kg_m2);
     // and it still follows a payload when the figure-8 begins again
     drive.robot.load(1.3);
     for (int k = 0; k < 10000; ++k) drive.cycle(figure_eight(k * 1e-3));
