@@ -16,9 +16,8 @@ constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more
 constexpr Real kGainBeyondNoise = Real(2);
 constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kAveraged = 64;                // spans
-constexpr Real kBeyondFriction = Real(1.5);  // a push that friction and a slope it can hold do not turn round
-constexpr Real kGainOfPush = Real(0.25);     // of what the torques alone would give
+constexpr int kAveraged = 64;             // spans
+constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
 
 }  // namespace
@@ -239,16 +238,13 @@ void EncoderWatch::push(Real elapsed_s, const WheelPair<Real>& torque_Nm, const 
     const auto& g = plant.geometry;
     const Real forward = plant.dynamics.k7_per_kg_m * torque_Nm.sum();
     const Real turning = plant.dynamics.k8_per_kg_m2 * torque_Nm.difference() * g.track_m / 2;
-    const Real least_Nm = std::min(std::abs(torque_Nm.left), std::abs(torque_Nm.right));
     if (cycles_ == 0) {
         push_rad_per_s_ = {};
         push_s_ = 0;
-        least_push_Nm_ = least_Nm;
     }
     push_s_ += elapsed_s;
     push_rad_per_s_.left += elapsed_s * (forward - turning) / g.wheel_radius_m.left;
     push_rad_per_s_.right += elapsed_s * (forward + turning) / g.wheel_radius_m.right;
-    least_push_Nm_ = std::min(least_push_Nm_, least_Nm);
 }
 
 // Whether torques beyond friction have long made a wheel go their way and the other one go against it, or
@@ -257,7 +253,6 @@ void EncoderWatch::push(Real elapsed_s, const WheelPair<Real>& torque_Nm, const 
 bool EncoderWatch::against_push(const WheelPair<Real>& speed_rad_per_s, const WheelPair<Real>& told,
                                 const PlantModel<Real>& plant) {
     const WheelPair<Real>& push = push_rad_per_s_;
-    const Real size = std::min(std::abs(push.left), std::abs(push.right));
     const auto& g = plant.geometry;
     const auto turned_by_body = [&](Real left_rad_per_s) {
         const auto rate = model::acceleration(
@@ -268,9 +263,14 @@ bool EncoderWatch::against_push(const WheelPair<Real>& speed_rad_per_s, const Wh
     };
     const Real body_rad_per_s =
         std::max(turned_by_body(speed_rad_per_s.left), turned_by_body(-speed_rad_per_s.left));
-    if (least_push_Nm_ < kBeyondFriction * settings_.known_friction_Nm ||
-        size < kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s))
-        return false;  // tells nothing
+    // What friction may make of a wheel's speed: its own and, where mass and inertia couple them, the
+    // other's.
+    const Real held_m_per_s =
+        2 * push_s_ * settings_.known_friction_Nm *
+        std::max(plant.dynamics.k7_per_kg_m, plant.dynamics.k8_per_kg_m2 * g.track_m / 2);
+    const Real size = std::min(std::abs(push.left) - held_m_per_s / g.wheel_radius_m.left,
+                               std::abs(push.right) - held_m_per_s / g.wheel_radius_m.right);
+    if (size < kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s)) return false;  // tells nothing
     const Real left = told.left / push.left;
     const Real right = told.right / push.right;
     const bool turning = std::signbit(push.left) != std::signbit(push.right);

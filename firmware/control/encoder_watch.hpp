@@ -116,10 +116,9 @@ class EncoderWatch {
     Real unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     std::array<int, 2> against_cycles_{};
-    // In the span: what the torques alone would have made of the speeds, and the least that a wheel had.
+    // What the torques alone would have made of the speeds in the span, and its length.
     WheelPair<Real> push_rad_per_s_;
     Real push_s_ = 0;
-    Real least_push_Nm_ = 0;
     std::array<int, 2> against_push_cycles_{};
     int span_cycles_ = 0;  // that the last span took
     bool mirrored_ = false;
