@@ -66,6 +66,9 @@ struct DynamicsEstimatorOptions {
     // share squared, times the share of the torque that is slow. It is part of K7's and K8's standard errors,
     // and what is believed of the slow torque's coefficient before the data tell.
     Real dry_share = 0;
+    // The drives' lag about their delay over the excitation's bit time. Its square is what the spread column
+    // is for; the fourth power is what that leaves, a part of K7's and K8's standard errors.
+    Real lag_share = 0;
     Real prior_variance = Real(1e6);  // P(-1) = c I
     Real excitation_memory_s = 2;
 };
@@ -79,6 +82,8 @@ class DynamicsEstimator {
         relative_standard_error_ = options.relative_standard_error;
         coupling_standard_error_m_ = options.coupling_standard_error_m;
         dry_share_ = options.dry_share;
+        const Real square = options.lag_share * options.lag_share;
+        lag_error_share_ = kOfABound * kLagLeft * square * square;
         prior_variance_ = options.prior_variance;
         sample_time_s_ = options.filter.sample_time_s;
         track_m_ = static_cast<Real>(options.filter.geometry.track_m);
@@ -244,6 +249,9 @@ class DynamicsEstimator {
     static constexpr Real kShareInGain = Real(0.1);
     // Standard deviation of what may be anything between two bounds, over a bound: 1 / sqrt(3).
     static constexpr Real kOfABound = Real(0.577);
+    // A lag T makes a gain 3/8 (omega T)^4 less beyond its square, and bits move a robot at up to 2.3 over
+    // their time.
+    static constexpr Real kLagLeft = 10;
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     static constexpr int kMixedRows = 7;            // three blocks, the delay and the speeds' span
     // Neighbouring rows share blocks, and so the plant's noise: of variance, what no rows of its own say.
@@ -533,7 +541,7 @@ class DynamicsEstimator {
         const auto widened = [&](const Equation& e, Real k) {
             const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
             return std::hypot(e.torque_error, k * kOfABound * kShareInGain * missing_share(e),
-                              k * slow_error_share() * slow);
+                              k * std::hypot(slow_error_share() * slow, lag_error_share_));
         };
         estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
                                     widened(linear, estimate_.dynamics.k7_per_kg_m),
@@ -616,8 +624,8 @@ class DynamicsEstimator {
                               equation.rls.variance(parameter) * equation.errors.residual_density()));
     }
 
-    Real relative_standard_error_{}, coupling_standard_error_m_{}, dry_share_{}, prior_variance_{},
-        track_m_{};
+    Real relative_standard_error_{}, coupling_standard_error_m_{}, dry_share_{}, lag_error_share_{},
+        prior_variance_{}, track_m_{};
     double sample_time_s_{}, delay_s_{};
     RegressionFilter<Real, kTaps> filter_;
     std::array<Equation, 2> equation_{};
