@@ -66,9 +66,9 @@ struct DynamicsEstimatorOptions {
     // share squared, times the share of the torque that is slow. It is part of K7's and K8's standard errors,
     // and what is believed of the slow torque's coefficient before the data tell.
     Real dry_share = 0;
-    // The drives' lag about their delay over the excitation's bit time. Its square is what the spread column
-    // is for; the fourth power is what that leaves, a part of K7's and K8's standard errors.
-    Real lag_share = 0;
+    // The drives' lag about their delay, and the excitation's bit time. What the spread column leaves of a
+    // lag is part of K7's and K8's standard errors.
+    Real lag_s = 0, bit_time_s = 1;
     Real prior_variance = Real(1e6);  // P(-1) = c I
     Real excitation_memory_s = 2;
 };
@@ -82,13 +82,12 @@ class DynamicsEstimator {
         relative_standard_error_ = options.relative_standard_error;
         coupling_standard_error_m_ = options.coupling_standard_error_m;
         dry_share_ = options.dry_share;
-        const Real square = options.lag_share * options.lag_share;
-        lag_error_share_ = kOfABound * kLagLeft * square * square;
         prior_variance_ = options.prior_variance;
         sample_time_s_ = options.filter.sample_time_s;
         track_m_ = static_cast<Real>(options.filter.geometry.track_m);
         filter_.configure(options.filter);
         set_delay(options.filter.delay_s);
+        lag_error_share_ = kOfABound * left_of_lag(options.lag_s, options.bit_time_s);
         columns_ = column_places(filter_.estimated(), places_);
         const int size = kFixed + columns_;
         Vector prior{};
@@ -249,9 +248,6 @@ class DynamicsEstimator {
     static constexpr Real kShareInGain = Real(0.1);
     // Standard deviation of what may be anything between two bounds, over a bound: 1 / sqrt(3).
     static constexpr Real kOfABound = Real(0.577);
-    // A lag T makes a gain 3/8 (omega T)^4 less beyond its square, and bits move a robot at up to 2.3 over
-    // their time.
-    static constexpr Real kLagLeft = 10;
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     static constexpr int kMixedRows = 7;            // three blocks, the delay and the speeds' span
     // Neighbouring rows share blocks, and so the plant's noise: of variance, what no rows of its own say.
@@ -506,6 +502,16 @@ class DynamicsEstimator {
     }
 
     // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
+    // By which share a lag T makes a gain too small: at the frequency w it takes (w T)^2 / 2 - 3/8 (w T)^4 of
+    // it, and a second difference of taps d apart w^2 d^2 - w^4 d^4 / 12 times what makes the squares alike.
+    Real left_of_lag(Real lag_s, Real bit_time_s) const {
+        constexpr Real kFastest = Real(2.3);  // w over the bits' rate that moves the robot
+        const Real w = kFastest / bit_time_s;
+        const Real lag = w * lag_s;
+        const Real taps = w * static_cast<Real>(tap_spacing_s());
+        return lag * lag * std::abs(Real(3) / 8 * lag * lag - taps * taps / 24);
+    }
+
     Real slow_error_share() const { return kOfABound * dry_share_ * dry_share_; }
 
     // The share of the slow acceleration that something missing may stand behind: what is unexplained beyond

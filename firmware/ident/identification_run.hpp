@@ -276,7 +276,8 @@ class IdentificationRun {
     }
     void estimate_from_here() {
         options_.estimator.filter.delay_s = static_cast<double>(delay_.delay_s);
-        options_.estimator.lag_share = delay_.lag_s / static_cast<Real>(options_.excitation.bit_time_s);
+        options_.estimator.lag_s = delay_.lag_s;
+        options_.estimator.bit_time_s = static_cast<Real>(options_.excitation.bit_time_s);
         level_cycles_ = 0;
         bit_cycles_ = static_cast<std::uint32_t>(
             std::lround(options_.excitation.bit_time_s / options_.excitation.sample_time_s));
