@@ -35,7 +35,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x0002, geometry.wheel_radius_m.right, "m", 0.075, 0.005, 2.0, start, "rolling radius of the right wheel"),
     WW_REAL(0x0003, geometry.track_m, "m", 0.32, 0.02, 5.0, start, "distance between the wheels' contact points"),
 
-    WW_REAL(0x0010, limits.torque_Nm, "Nm", 5.0, 0.01, 1000.0, idle, "largest torque asked of one wheel"),
+    WW_REAL(0x0010, limits.torque_Nm, "Nm", 5.0, 0.001, 1000.0, idle, "largest torque asked of one wheel"),
     WW_REAL(0x0011, limits.speed_m_per_s, "m/s", 2.5, 0.01, 20.0, idle, "largest forward or reverse speed commanded"),
     WW_REAL(0x0012, limits.yaw_rate_rad_per_s, "rad/s", 6.0, 0.01, 50.0, idle, "largest yaw rate commanded"),
     WW_REAL(0x0013, limits.acceleration_m_per_s2, "m/s^2", 50.0, 0.01, 200.0, idle, "largest rate of change of the commanded speed"),
@@ -104,7 +104,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x0086, dynamics_standard_error.k7_per_kg_m, "1/(kg m)", 0.0, 0.0, 1e4, idle, "standard error of K7"),
     WW_REAL(0x0087, dynamics_standard_error.k8_per_kg_m2, "1/(kg m^2)", 0.0, 0.0, 1e5, idle, "standard error of K8"),
 
-    WW_REAL(0x00A0, ident.amplitude_Nm, "Nm", 0.0, 0.01, 1000.0, idle, "size of the excitation torque on each wheel; auto: as large as torque, speed and room allow"),
+    WW_REAL(0x00A0, ident.amplitude_Nm, "Nm", 0.0, 0.001, 1000.0, idle, "size of the excitation torque on each wheel; auto: as large as torque, speed and room allow"),
     WW_REAL(0x00A1, ident.bit_time_s, "s", 0.0, 0.001, 0.25, idle, "length of one bit of the excitation; auto: so that a bit changes the speed by about half of its limit"),
     WW_REAL(0x00A2, ident.duration_s, "s", 85.0, 1.0, 250.0, idle, "longest time the identification may take, its probe included; it takes four tenths of that at least"),
     WW_REAL(0x00A3, ident.speed_limit_m_per_s, "m/s", 0.0, 0.02, 5.0, idle, "speed the excitation is kept within; auto: crosses the room in some seconds, and can brake in it"),
