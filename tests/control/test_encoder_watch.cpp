@@ -451,24 +451,23 @@ TEST(EncoderWatch, a_wheel_that_stands_at_once_goes_on_unseen_as_fast_as_it_was_
     }
 }
 
-// What a wheel that stood may turn follows from its encoder; one that turned is believed as long as any is.
+// What a wheel that stood may turn follows from its encoder; one that turned, more than a brake can have
+// stopped in 16 cycles, is believed as long as any is.
 TEST(EncoderWatch, a_wheel_that_stood_may_turn_less_unseen_where_its_encoder_is_fine) {
     EncoderWatchSettings fine = kSettings;
     fine.unseen_from_rest_rad = 0.02;
     for (const bool right : {false, true}) {
-        for (const bool stood : {true, false}) {
+        for (const double more : {0.0, 0.5}) {
             Told t(fine);
-            LONGS_EQUAL(0, t.cycles({one(right, stood ? 3.125 : 20, 2), {}, {}, {}}, 32));
+            const double speed = of(kBrakes_rad_per_s, right) * 16 + more;
+            LONGS_EQUAL(0, t.cycles({one(right, speed, 2), {}, {}, {}}, 32));
             Cycle c{{}, {}, {}, one(right, 2, 0)};
             c.stands[right] = true;
-            const double least = stood ? 0.0 : 20 - of(kBrakes_rad_per_s, right) * 16;
-            // a wheel that may have come to rest in 16 cycles
-            if (stood && of(kBrakes_rad_per_s, right) * 16 < 3.125) continue;
-            const int coarse = first_unseen(least, of(kOwn_per_Nm, right) * 0.75);
+            const int coarse = first_unseen(more, of(kOwn_per_Nm, right) * 0.75);
             const int seen = t.cycles(c, 500);
             const double share = std::sqrt(fine.unseen_from_rest_rad / kUnseen_rad);
-            if (stood) DOUBLES_EQUAL(share * coarse, seen, 1.5);
-            if (!stood) LONGS_EQUAL(coarse, seen);
+            if (more == 0) DOUBLES_EQUAL(share * coarse, seen, 1.5);
+            if (more > 0) LONGS_EQUAL(coarse, seen);
         }
     }
 }
@@ -846,6 +845,23 @@ TEST(EncoderWatch, where_nobody_knows_K5_gains_of_speed_in_a_turn_tell_nothing) 
     }
 }
 
+// Such a body adds at most 8 ms omega (b / 2 omega + v) over the smaller radius, here 1 rad/s in a span: half
+// of the gain that tells something.
+TEST(EncoderWatch, where_nobody_knows_K5_gains_must_be_more_than_any_body_makes) {
+    for (const double gain : {1.97, 2.03}) {
+        Told t;
+        t.plant.dynamics.k5_m = 0;
+        t.speed_rad_per_s = {-15 + gain, 12.5};  // after the gain: v 0.3125 m/s, omega 5 rad/s
+        t.spans(5, t.speed_rad_per_s);
+        int seen = 0;
+        for (int n = 1; n <= 14 && seen == 0; ++n) {
+            if (t.gains({-gain, 0}, {gain, 0})) seen = n;
+            if (seen == 0) CHECK_FALSE(t.gains({gain, 0}, {0, 0}));
+        }
+        LONGS_EQUAL(gain > 2 ? 10 : 0, seen);
+    }
+}
+
 // Where friction is known: at both wheels a push in a span of no less than what friction of both can make of
 // its speed, 1 Nm forward or 0.5 Nm turning here, and a quarter of what such torques alone would give. A
 // span's letters: p, pushed; w, too weak in the first cycle, or v, in the last one; g, this wheel goes with
@@ -961,20 +977,28 @@ TEST(EncoderWatch, a_push_says_nothing_where_a_turning_body_moves_the_wheels_as_
     }
 }
 
-// Measured on a drawn robot in its identification: the left wheel was pushed hard, the right one gently, and
-// mass and inertia let the left one's push and both frictions turn the right one back.
+// Measured on a drawn robot in its identification: the one wheel was pushed hard, the other one gently, and
+// mass and inertia let the hard push and both frictions turn the gently pushed one back.
 TEST(EncoderWatch, a_wheel_that_friction_and_the_other_ones_push_turn_back_is_no_liar) {
     EncoderWatchSettings settings = kSettings;
     settings.known_friction_Nm = 0.5;
-    for (const double other_Nm : {1.5, 3.0}) {
-        Told t(settings);
-        t.expects.dynamics = {0, 0, kK7 / 4, kK8 / 4};
-        t.spans(70, {});
-        // in a span of 1 / 128 s
-        const double left = (24 * other_Nm - 8 * 1.5) / 128, right = (12 * 1.5 - 4 * other_Nm) / 128;
-        bool lies = false;
-        for (int n = 1; n <= 6 && !lies; ++n) lies = t.pushed({n * left, n * -0.3 * right}, {other_Nm, 1.5});
-        CHECK_EQUAL(other_Nm == 1.5, lies);
+    for (const bool right : {false, true}) {
+        for (const double other_Nm : {1.5, 3.0}) {
+            Told t(settings);
+            t.plant.dynamics.k7_per_kg_m = 2 * kK7;
+            t.plant.dynamics.k8_per_kg_m2 = 2 * kK8;
+            t.expects = t.plant;
+            t.spans(70, {});
+            // in a span of 1 / 128 s: three times by its own torque what the other one's takes away
+            const auto push = [](bool of_right, double own, double other) {
+                return of(kOwn_per_Nm, of_right) * 2 * (own - other / 3) / 128;
+            };
+            const double hard = push(!right, other_Nm, 1.5), gently = push(right, 1.5, other_Nm);
+            bool lies = false;
+            for (int n = 1; n <= 6 && !lies; ++n)
+                lies = t.pushed(one(right, n * -0.3 * gently, n * hard), one(right, 1.5, other_Nm));
+            CHECK_EQUAL(other_Nm == 1.5, lies);
+        }
     }
 }
 
