@@ -501,17 +501,17 @@ class DynamicsEstimator {
         return result;
     }
 
-    // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
     // By which share a lag T makes a gain too small: at the frequency w it takes (w T)^2 / 2 - 3/8 (w T)^4 of
     // it, and a second difference of taps d apart w^2 d^2 - w^4 d^4 / 12 times what makes the squares alike.
     Real left_of_lag(Real lag_s, Real bit_time_s) const {
-        constexpr Real kFastest = Real(2.3);  // w over the bits' rate that moves the robot
+        constexpr Real kFastest = Real(2.3);  // w over the bits' rate: 0.64 of their power is slower
         const Real w = kFastest / bit_time_s;
         const Real lag = w * lag_s;
         const Real taps = w * static_cast<Real>(tap_spacing_s());
         return lag * lag * std::abs(Real(3) / 8 * lag * lag - taps * taps / 24);
     }
 
+    // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
     Real slow_error_share() const { return kOfABound * dry_share_ * dry_share_; }
 
     // The share of the slow acceleration that something missing may stand behind: what is unexplained beyond
