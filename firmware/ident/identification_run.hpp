@@ -6,7 +6,7 @@
 //       |            |                |
 //       +------------+----------------+-> stopped_by_limit
 //
-// Until an external pose or the mirror test has shown that not one wheel alone goes backwards, limits of
+// Until the probe or the mirror test has shown that not one wheel alone goes backwards, limits of
 // speed, yaw rate and distance hold for the robot's mirror image too.
 //
 // cause() names why it ended, in done too: good_enough; direction_unverified when time was up and only that
@@ -156,7 +156,7 @@ class IdentificationRun {
     bool model_incomplete() const { return unexplained() > kUnexplained; }
 
     // The coupling of forward and turning shows that not one wheel alone goes backwards.
-    bool signs_agree() const { return signs_agree_; }
+    bool signs_agree() const { return signs_agree_ || found_.signs_agree; }
 
     // That, or an external pose: the file's limits are in force.
     bool signs_known() const { return signs_known_; }
@@ -168,8 +168,8 @@ class IdentificationRun {
 
   private:
     // Of the duration. Errors fall with the square root of time: until here each second lessens them by more
-    // than a hundredth, and what the rest of the time could do to them is a third.
-    static constexpr double kWorthItsTime = 0.4;
+    // than two hundredths, and what all the rest of the time could do is to halve them.
+    static constexpr double kWorthItsTime = 0.22;
     static constexpr double kLongestDelayPhase = 0.2;   // of the duration
     static constexpr Real kSureDelay_s = Real(5e-5);    // a twentieth of a cycle
     static constexpr Real kUsableDelay_s = Real(1e-3);  // a cycle: the estimator's timing columns do the rest
@@ -218,7 +218,7 @@ class IdentificationRun {
                                const ProbeSample& senses) {
         Probe& probe = *std::get_if<Probe>(&stage_);
         const WheelPair<double> torque = probe.step(senses);
-        if (findings().pose_seen) know_signs();
+        if (findings().signs_known()) know_signs();
         check_limits(pose, velocity);
         if (finished()) return {};
         if (probe.finished()) {

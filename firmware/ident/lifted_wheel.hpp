@@ -30,30 +30,16 @@ inline protocol::IdentCause runs_free(const WheelPair<double>& motion, double ra
 // alone, and more than the other one by this: between a drive that gives 0.7 of what it should (1.43) and a
 // lifted wheel whose rotor is 0.6 of all that the torque moves (1 / 0.6). A centre of gravity a tenth of the
 // track beside the middle makes 1.5 at most. One farther out, or one beside a weak drive, makes more; where
-// it is by chance, too, that the wheels do nothing to each other, only speed_acts() tells the floor.
+// it is by chance, too, that the wheels do nothing to each other, only what speed does tells the floor
+// (speed_witness.hpp).
 inline constexpr double kAlone = 1.55;
 // Of a wheel's own answer: what the probe's pushes leave of friction; where that is more than noise, 0.31 %
 // at most on 156 lifted wheels that ran 1.7 to 3.5 times as fast as the other.
 inline constexpr double kPushedApart = 0.005;
 
-// What accelerates a wheel's rim beside its torque [m/s^2], positive the way it turns: mean of the pushes
-// straight on, and of those that turn the robot.
-struct Slowed {
-    double straight, turning, error;
-};
-
-// On the floor K5 omega^2 and K6 v omega are in it, which a wheel in the air does not know. The rest is
-// friction, the same in both; by half at most it depends on the direction. True: this wheel is on the floor.
-// False tells nothing: friction may hide it.
-inline bool speed_acts(const Slowed& wheel) {
-    constexpr double kFrictionMayDiffer = 0.5;
-    const double friction = std::max(std::abs(wheel.straight), std::abs(wheel.turning));
-    return std::abs(wheel.straight - wheel.turning) > kFrictionMayDiffer * friction + wheel.error;
-}
-
 // `error`: of the answers. `apart`: an answer to the other wheel that counts as none. Where friction does not
-// cancel in them (pushes so gentle that a wheel hangs in it for part of the time), and where speed_acts() on
-// the wheel that moves more, `alone_tells` is false: only runs_free() is sure.
+// cancel in them (pushes so gentle that a wheel hangs in it for part of the time), and where the
+// wheel that moves more is known to be on the floor, `alone_tells` is false: only runs_free() is sure.
 inline protocol::IdentCause wheel_off_ground(const WheelAnswers& answers, double error, double apart,
                                              bool alone_tells = true) {
     const auto& [own, other] = answers;

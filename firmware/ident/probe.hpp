@@ -4,7 +4,9 @@
 //   left       torque on the left wheel alone, rising slowly until it moves: sign, breakaway friction
 //   right      the same on the right
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
-//   turning    the same in place: rough K7 and K8, friction, and how the wheels act on each other
+//   turning    the same in place: rough K7 and K8, friction, how the wheels act on each other, and what speed
+//   does
+//              (speed_witness.hpp)
 //   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
@@ -27,6 +29,7 @@
 #include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/parabola.hpp"
 #include "firmware/ident/side_witness.hpp"
+#include "firmware/ident/speed_witness.hpp"
 #include "firmware/ident/torque_reports.hpp"
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/types.hpp"
@@ -83,6 +86,8 @@ struct ProbeFindings {
     double report_ratio = 1;                // reported over asked where nothing clips
     bool reports = false;                   // the drives report their torque
     bool pose_seen = false;                 // an external pose has confirmed which wheel is which
+    bool signs_agree = false;               // what speed does shows that not one wheel alone goes backwards
+    bool signs_known() const { return pose_seen || signs_agree; }
 };
 
 class Probe {
@@ -178,7 +183,10 @@ class Probe {
     static constexpr double kPulseShare = 0.8;       // of the speed that may be reached: K7 is rough
     static constexpr double kLessTorque = 0.84;      // four such steps are a half
     static constexpr double kPushesRoomShare = 0.2;  // of the room, for all pushes forward
+    static constexpr double kMoves = 0.25;           // of the other wheel's speed
+    static constexpr double kStops = 0.1;            // of a wheel's own, seen late
     static constexpr int kFewestPushes = 2;
+    static constexpr int kFewestEitherWay = 4;  // two each way have a standard error
     static constexpr int kMostPushes = 8;
     static constexpr int kMostHalvings = 6;
     static constexpr std::size_t kFewestPulses = 3;
@@ -194,8 +202,8 @@ class Probe {
     // the one may be the other.
     double rim_limit_m_per_s() const {
         const Twist<double> limits{options_.speed_limit_m_per_s, options_.yaw_rate_limit_rad_per_s};
-        return found_.pose_seen ? limits.v_m_per_s
-                                : within_either(limits, options_.geometry.track_m / 2).v_m_per_s;
+        return found_.signs_known() ? limits.v_m_per_s
+                                    : within_either(limits, options_.geometry.track_m / 2).v_m_per_s;
     }
     double fast_m_per_s() const {
         return std::min(kSpeedShare * options_.speed_limit_m_per_s, kEitherShare * rim_limit_m_per_s());
@@ -343,7 +351,6 @@ class Probe {
             choose_push();
             pushes_ = 0;
             answered_ = {};
-            slowed_[next == Stage::turning ? 1 : 0] = {};
             push_begin_ = angle_;
         }
         stage_before_ = next;
@@ -353,7 +360,7 @@ class Probe {
                 level_Nm_ = tried_Nm();
                 if (pulse_speed_m_per_s() > options_.overshoot * options_.speed_limit_m_per_s)
                     return end(IdentCause::no_room);
-                if (!found_.pose_seen) choose_level();
+                if (!found_.signs_known()) choose_level();
                 found_.torque_limit_Nm = level_Nm_ > 0 ? level_Nm_ : push_Nm_;
                 first_level_Nm_ = level_Nm_;
                 if (level_Nm_ == 0) return end(IdentCause::none);
@@ -379,12 +386,12 @@ class Probe {
         const WheelPair<double> m = moved();
         const auto& r = options_.geometry.wheel_radius_m;
         const double sign_left = turning ? -1 : 1;
-        const double speed = (v.right + sign_left * v.left) / 2;
+        const double speed = push_sense() * (v.right + sign_left * v.left) / 2;
         const double way = std::max(std::abs(m.left * r.left), std::abs(m.right * r.right));
         const double fast = fast_m_per_s();
         const double fastest = std::max(std::abs(v.left), std::abs(v.right));
         const double leg_s = ++leg_cycles_ * options_.sample_time_s;
-        const double sense = leg_ == 0 ? 1.0 : -1.0;
+        const double sense = leg_ == 0 ? push_sense() : -push_sense();
         // more than what has moved them, and neither moves by a digit: of two that stand the left one is
         // named
         const bool still = angle_.left == last_.left && angle_.right == last_.right;
@@ -392,9 +399,10 @@ class Probe {
         last_ = angle_;
         if (still_cycles_ * options_.sample_time_s > kNeverStanding_s)
             return end(IdentCause::left_wheel_does_not_turn);
+        follow_until_stopped(v, fastest);
         if (leg_s > kSettle_s && usable_) {
-            fit_[leg_][0].add(leg_s, angle_.left);
-            fit_[leg_][1].add(leg_s, angle_.right);
+            if (rolls_[0]) fit_[leg_][0].add(leg_s, angle_.left);
+            if (rolls_[1]) fit_[leg_][1].add(leg_s, angle_.right);
             compare_report(2 * kSettle_s);
             if (leg_s > 2 * kSettle_s) measure_noise();
         }
@@ -415,7 +423,7 @@ class Probe {
                 leg_ = 1;
                 leg_cycles_ = 0;
                 went_s_ = leg_s;
-                torque_ = {-sign_left * push_Nm_, -push_Nm_};
+                torque_ = {-sense * sign_left * push_Nm_, -sense * push_Nm_};
                 return;
             }
         } else if ((speed <= 0 && leg_s > 2 * kSettle_s) || leg_s > 2 * went_s_ + kShortestPush_s) {
@@ -424,33 +432,43 @@ class Probe {
         torque_ = {sense * sign_left * push_Nm_, sense * push_Nm_};
     }
 
+    // Friction turns round with a wheel. One that has hardly moved, beside a lifted one, tells all the same.
+    void follow_until_stopped(const WheelPair<double>& v, double fastest) {
+        const std::array<double, 2> speed{v.left, v.right};
+        for (std::size_t wheel = 0; wheel < 2; ++wheel) {
+            if (leg_ == 0) {
+                rolls_[wheel] = true;
+                went_m_per_s_[wheel] = std::abs(speed[wheel]) > kMoves * fastest ? speed[wheel] : 0;
+            } else if (went_m_per_s_[wheel] != 0) {
+                rolls_[wheel] = rolls_[wheel] && speed[wheel] / went_m_per_s_[wheel] > kStops;
+            }
+        }
+    }
+    // Without a pose that is to see where they lead, pushes go the other way by turns.
+    double push_sense() const { return sides_.poses_come() || pushes_ % 2 == 0 ? 1 : -1; }
+
     void end_push(bool turning) {
         const auto& r = options_.geometry.wheel_radius_m;
         // per torque, friction cancelled
         const auto response = [&](std::size_t wheel, double radius) {
-            return radius * (fit_[0][wheel].acceleration() - fit_[1][wheel].acceleration()) / (2 * push_Nm_);
+            return radius * (fit_[0][wheel].acceleration() - fit_[1][wheel].acceleration()) /
+                   (2 * push_sense() * push_Nm_);
         };
         const auto sum = [&](std::size_t wheel, double radius) {
             return radius * (fit_[0][wheel].acceleration() + fit_[1][wheel].acceleration()) / 2;
         };
         answered_[0].add(response(0, r.left));
         answered_[1].add(response(1, r.right));
-        slowed_[turning ? 1 : 0][0].add(sum(0, r.left));
-        slowed_[turning ? 1 : 0][1].add(sum(1, r.right));
+        speed_witness_.add(turning, push_sense() > 0, {sum(0, r.left), sum(1, r.right)});
         fit_ = {};
-        // again, until wheels that answer unlike do so beyond noise, and an external pose can tell that way
-        if (++pushes_ < kMostPushes &&
-            (pushes_ < kFewestPushes || unlike_by_noise() || !sides_.would_tell(stage_way(), turning)) &&
-            room_left())
-            return rest_then(stage_);
+        if (push_again(turning)) return rest_then(stage_);
         const WheelPair<double> d{answered_[0].mean(), answered_[1].mean()};
         if (!turning) {
             forward_ = d;
             forward_error_ = {answered_[0].error(), answered_[1].error()};
             // what is left beside the torque's share is friction's
             const double both = (d.left + d.right) / 2;
-            const double slowed = (slowed_[0][0].mean() + slowed_[0][1].mean()) / 2;
-            found_.friction_Nm = both > 0 ? std::max(0.0, -slowed / both) : 0;
+            found_.friction_Nm = both > 0 ? std::max(0.0, speed_witness_.friction_m_per_s2() / both) : 0;
             k7_per_kg_m_ = both / 2;
             pushed_well_ = pushed_well();
         } else {
@@ -467,6 +485,14 @@ class Probe {
             }
         }
         rest_then(turning ? Stage::pulses : Stage::turning);
+    }
+    // Until wheels that answer unlike do so beyond noise, and an external pose, or else what speed does,
+    // tells which way the wheels go.
+    bool push_again(bool turning) {
+        if (++pushes_ >= kMostPushes || !room_left()) return false;
+        if (unlike_by_noise()) return true;
+        if (sides_.poses_come()) return pushes_ < kFewestPushes || !sides_.would_tell(stage_way(), turning);
+        return pushes_ < kFewestEitherWay || (turning && speed_witness_.judge_mirror() == Mirror::unknown);
     }
     // One wheel answers so much more than the other that it may be in the air, and with this noise of the
     // answers runs_free() could not say so.
@@ -491,7 +517,7 @@ class Probe {
         const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
         const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
         const std::size_t quicker = own.right > own.left ? 1 : 0;
-        found_.on_floor = speed_acts(slowed(quicker)) || sides_.rolls(quicker);
+        found_.on_floor = speed_witness_.on_floor(quicker) || sides_.rolls(quicker);
         const IdentCause fault =
             wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
                              !found_.on_floor && (pushed_well_ || ran_free_ != IdentCause::none));
@@ -500,12 +526,6 @@ class Probe {
     }
     // Of a sum of two, from theirs.
     static double joint(double error, double other) { return std::hypot(Real(error), Real(other)); }
-    Slowed slowed(std::size_t wheel) const {
-        const Mean& straight = slowed_[0][wheel];
-        const Mean& turning = slowed_[1][wheel];
-        const double forward = wheel == 0 ? -1 : 1;  // the left one turns backwards in the pushes that turn
-        return {straight.mean(), forward * turning.mean(), kSure * joint(straight.error(), turning.error())};
-    }
     // Pushes that moved nothing, or nothing that stands out.
     bool judge_answers() {
         const auto& own = found_.pushed_m_per_s2_Nm;
@@ -527,8 +547,13 @@ class Probe {
         return push_Nm_ >= kMovesEnough * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
     }
     bool judge_sides() {
-        const IdentCause wrong = sides_.judge();
+        IdentCause wrong = sides_.judge();
         found_.pose_seen = sides_.confirmed();
+        if (!found_.pose_seen) {
+            const Mirror seen = speed_witness_.judge_mirror();
+            found_.signs_agree = seen == Mirror::as_filed;
+            if (wrong == IdentCause::none && seen == Mirror::mirrored) wrong = IdentCause::one_sign_wrong;
+        }
         if (wrong != IdentCause::none) end(wrong);
         return wrong != IdentCause::none;
     }
@@ -671,6 +696,8 @@ class Probe {
     Parabola rest_fit_, rest_fit_other_;
     double rest_noise_rad_ = 0;
     double k7_per_kg_m_ = 0;
+    std::array<bool, 2> rolls_{};
+    std::array<double, 2> went_m_per_s_{};
     double push_Nm_ = 0, went_s_ = 0, pulse_s_ = 0, leg_s_ = 0;
     std::array<double, 2> quadruple_{};
     std::array<std::array<Parabola, 2>, 2> fit_{};
@@ -682,7 +709,6 @@ class Probe {
     WheelPair<double> left_changed_,
         right_changed_;  // both angles when this wheel's last changed, or was not pushed
     std::array<Mean, 2> answered_{};
-    std::array<std::array<Mean, 2>, 2> slowed_{};  // pushes forward and turning, each wheel
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
     IdentCause ran_free_ = IdentCause::none;  // in a push
     Stage stage_before_ = Stage::done;
@@ -691,6 +717,7 @@ class Probe {
     double first_answer_ = 0;  // to those at the torque that was to be tried
     TorqueReports reports_;
     SideWitness sides_;
+    SpeedWitness speed_witness_;
 };
 
 }  // namespace wheelwright::ident

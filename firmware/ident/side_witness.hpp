@@ -101,6 +101,8 @@ class SideWitness {
         confirmed_ = along > kHalf && around > kHalf;
         return IdentCause::none;
     }
+    // There have been some before the straight motion.
+    bool poses_come() const { return halts_[0].poses > 0; }
     bool confirmed() const { return confirmed_; }
 
     // By the poses a wheel's rim (0 left, 1 right) has gone, straight on and in the turn, as far as its

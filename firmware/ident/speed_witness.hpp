@@ -1,0 +1,98 @@
+// What speed does to pushed wheels beside torque and friction: K5 omega^2 and K6 v omega. It tells, without a
+// look from outside, that a wheel is on the floor, and that not one wheel alone goes backwards.
+//
+// Each wheel is pushed in either direction, straight on and turning. Friction is the same in both motions of
+// a wheel in one direction, so it cancels in their difference; scrub, which slows every turn alike, cancels
+// between the directions. What is left, in a turn more than straight on, of the rims' acceleration along
+// forward:
+//     as filed    left +k, right +k    k = K5 omega^2 of the turn
+//     mirrored    left +k, right -k    the push straight on was the turn (mirror_test.hpp)
+//     lifted      0                    a wheel in the air knows nothing of the other one
+//
+// About 10 operations a push, 100 for an answer. No allocation.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+
+#include "firmware/ident/mirror_test.hpp"
+#include "firmware/ident/parabola.hpp"
+#include "firmware/model/types.hpp"
+
+namespace wheelwright::ident {
+
+class SpeedWitness {
+  public:
+    // A push there and back. `forward`: of the right wheel. `rim_m_per_s2`: each rim's mean acceleration
+    // beside the torque's, positive along forward.
+    void add(bool turning, bool forward, const WheelPair<double>& rim_m_per_s2) {
+        means_[turning][0][forward != turning].add(rim_m_per_s2.left);
+        means_[turning][1][forward].add(rim_m_per_s2.right);
+    }
+
+    // What slows the wheels straight on, their mean.
+    double friction_m_per_s2() const {
+        double sum = 0;
+        int cells = 0;
+        for (const auto& wheel : means_[0]) {
+            for (const bool forward : {false, true}) {
+                if (wheel[forward].count() == 0) continue;
+                sum += forward ? -wheel[forward].mean() : wheel[forward].mean();
+                ++cells;
+            }
+        }
+        return cells > 0 ? sum / cells : 0;
+    }
+
+    // False tells nothing.
+    bool on_floor(std::size_t wheel) const {
+        const Value more = more_in_turn(wheel);
+        return std::abs(more.value) > kSure * more.error;
+    }
+
+    Mirror judge_mirror() const {
+        const Value left = more_in_turn(0), right = more_in_turn(1);
+        const double sure = kSure * std::sqrt(left.error * left.error + right.error * right.error);
+        const double filed = std::abs(left.value + right.value);
+        const double mirrored = std::abs(left.value - right.value);
+        if (filed > std::max(sure, kClear * mirrored)) return Mirror::as_filed;
+        const double unlike = kUnlikeTurns * (friction_m_per_s2() + scrub_m_per_s2());
+        return mirrored > std::max({sure, kClear * filed, unlike}) ? Mirror::mirrored : Mirror::unknown;
+    }
+
+  private:
+    // Standard errors: by two pushes in each of eight cells once in 10^5.
+    static constexpr double kSure = 10;
+    // Wheels that answer unlike show in the other pattern too: half as much where one does three times as
+    // much as the other.
+    static constexpr double kClear = 2;
+    // Of what slows a turn, by so much less one way round than the other it looks like a wrong sign.
+    static constexpr double kUnlikeTurns = 0.05;
+
+    struct Value {
+        double value, error;
+    };
+    // Of one direction of the wheel.
+    double more_in_turn(std::size_t wheel, bool forward) const {
+        return means_[1][wheel][forward].mean() - means_[0][wheel][forward].mean();
+    }
+    // Of both.
+    Value more_in_turn(std::size_t wheel) const {
+        double variance = 0;
+        for (const auto& motion : means_)
+            for (const Mean& direction : motion[wheel]) variance += direction.error() * direction.error();
+        return {(more_in_turn(wheel, false) + more_in_turn(wheel, true)) / 2, std::sqrt(variance) / 2};
+    }
+    // What slows the rims in a turn more than straight on; nothing where a turn runs more freely.
+    double scrub_m_per_s2() const {
+        double sum = 0;
+        for (const std::size_t wheel : {0, 1}) sum += more_in_turn(wheel, false) - more_in_turn(wheel, true);
+        return std::max(sum / 4, 0.0);
+    }
+
+    std::array<std::array<std::array<Mean, 2>, 2>, 2> means_{};  // straight on, turning; wheel; back, forward
+};
+
+}  // namespace wheelwright::ident
