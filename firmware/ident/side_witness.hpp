@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/types.hpp"
@@ -70,36 +71,28 @@ class SideWitness {
                        : std::abs(way.forward_m) > least * pose_noise_m_;
     }
 
-    // What is wrong; none where nothing is, or nothing can be told. confirmed() says which.
+    // What is wrong; none where nothing is, or nothing can be told. confirmed() says which. Each mistake, and
+    // none, says where the wheels led the robot: the one that is nearest to the poses, and clearly.
     protocol::IdentCause judge() {
         using protocol::IdentCause;
         const std::uint32_t fewest = std::min({halts_[0].poses, halts_[1].poses, halts_[2].poses});
         if (fewest == 0) return IdentCause::none;
-        const double shrink = std::sqrt(2.0 / fewest);
-        const double sigma_m = pose_noise_m_ * shrink;
-        const double sigma_rad = heading_noise_rad_ * shrink;
-        const Way straight = seen(0), by_wheels = rolled(halts_[0].angle_rad, halts_[1].angle_rad);
-        const Way spin = seen(1), spin_by_wheels = rolled(halts_[1].angle_rad, halts_[2].angle_rad);
-        const double half_track = geometry_.track_m / 2;
-        // Told to go straight, it turned: with one sign wrong, the rims' way is the turn's.
-        const bool turn_would_show = std::abs(by_wheels.forward_m) / half_track > 2 * kSure * sigma_rad;
-        const double turned = straight.turn_rad * half_track / by_wheels.forward_m;
-        // and a weak drive's curve is the wheels' own: what was seen is nearer to the one or to the other
-        const double wrong_turn_rad = std::copysign(by_wheels.forward_m / half_track, straight.turn_rad);
-        const double off_rad = std::abs(straight.turn_rad - by_wheels.turn_rad);
-        if (turn_would_show && std::abs(turned) > kHalf && off_rad > kSure * sigma_rad &&
-            off_rad > std::abs(straight.turn_rad - wrong_turn_rad))
-            return turned > 0 ? IdentCause::left_sign_wrong : IdentCause::right_sign_wrong;
-        // From here on what is wrong turns a way round: less of it is enough, and each tells for itself.
-        const double along =
-            std::abs(by_wheels.forward_m) > kSure * sigma_m ? straight.forward_m / by_wheels.forward_m : 0;
-        const double around = std::abs(spin_by_wheels.turn_rad) > kSure * sigma_rad
-                                  ? spin.turn_rad / spin_by_wheels.turn_rad
-                                  : 0;
-        if (along < -kHalf) return IdentCause::both_signs_wrong;
-        if (around < -kHalf && along > kHalf) return IdentCause::wheels_swapped;
-        confirmed_ = along > kHalf && around > kHalf;
-        return IdentCause::none;
+        constexpr std::array kMistakes{IdentCause::none, IdentCause::left_sign_wrong,
+                                       IdentCause::right_sign_wrong, IdentCause::both_signs_wrong,
+                                       IdentCause::wheels_swapped};
+        IdentCause nearest = IdentCause::none;
+        double least = 1e300, next = 1e300;
+        for (const IdentCause mistake : kMistakes) {
+            const double off = off_by(mistake, fewest, 0) + off_by(mistake, fewest, 1);
+            next = std::min(next, std::max(off, least));
+            if (off < least) {
+                least = off;
+                nearest = mistake;
+            }
+        }
+        const bool sure = next - least > kSure * kSure;
+        confirmed_ = sure && nearest == IdentCause::none;
+        return sure ? nearest : IdentCause::none;
     }
     // There have been some before the straight motion.
     bool poses_come() const { return halts_[0].poses > 0; }
@@ -133,7 +126,7 @@ class SideWitness {
         20;  // so many of an averaged pose's: twice kSure, and three tenths for slip
     static constexpr double kClear = 3;
     static constexpr double kMostSlip = 0.3;  // less than a third of what a wheel in the air turns too far
-    static constexpr double kHalf = 0.5;      // of what would be expected: half way between it and nothing
+    static constexpr double kSlips = 0.1;     // of a rim's way: standard deviation
 
     struct Halt {
         Pose<double> pose;
@@ -141,6 +134,25 @@ class SideWitness {
         std::uint32_t poses = 0;
     };
 
+    // Squared standard deviations between what a motion was and what it would have been with this mistake.
+    double off_by(protocol::IdentCause mistake, std::uint32_t poses, std::size_t from) const {
+        using enum protocol::IdentCause;
+        const Halt &a = halts_[from], &b = halts_[from + 1];
+        WheelPair<double> went_rad{b.angle_rad.left - a.angle_rad.left,
+                                   b.angle_rad.right - a.angle_rad.right};
+        if (mistake == left_sign_wrong || mistake == both_signs_wrong) went_rad.left = -went_rad.left;
+        if (mistake == right_sign_wrong || mistake == both_signs_wrong) went_rad.right = -went_rad.right;
+        if (mistake == wheels_swapped) std::swap(went_rad.left, went_rad.right);
+        const Way would_be = rolled({}, went_rad), was = seen(from);
+        const double slip_m =
+            kSlips * geometry_.mean_radius_m() * std::max(std::abs(went_rad.left), std::abs(went_rad.right));
+        const double slip_rad = slip_m / (geometry_.track_m / 2);
+        const double shrink = 2.0 / poses;
+        const double forward_m = would_be.forward_m - was.forward_m;
+        const double turn_rad = would_be.turn_rad - was.turn_rad;
+        return forward_m * forward_m / (shrink * pose_noise_m_ * pose_noise_m_ + slip_m * slip_m) +
+               turn_rad * turn_rad / (shrink * heading_noise_rad_ * heading_noise_rad_ + slip_rad * slip_rad);
+    }
     Way seen(std::size_t from) const {
         const Pose<double>& a = halts_[from].pose;
         const Pose<double>& b = halts_[from + 1].pose;

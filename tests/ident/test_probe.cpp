@@ -134,7 +134,7 @@ TEST(ProbeParts, a_short_way_still_names_wheels_that_are_swapped) {
     CHECK(judged(1, 1, false, true, witness, 0.011, 0.1) == IdentCause::none);
     CHECK(witness.confirmed());
     // that turn says nothing
-    CHECK(judged(1, 1, true, true, witness, 0.011, 0.01) == IdentCause::none);
+    CHECK(judged(1, 1, true, true, witness, 0.011, 0.004) == IdentCause::none);
     CHECK_FALSE(witness.confirmed());
 }
 
