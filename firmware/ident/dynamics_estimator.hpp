@@ -514,6 +514,13 @@ class DynamicsEstimator {
     // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
     Real slow_error_share() const { return kOfABound * dry_share_ * dry_share_; }
 
+    // What a Nm of less torque does more than one of the whole, beyond chance, over K7 or K8: so much of the
+    // whole may not have arrived.
+    Real excess_error_share() const {
+        const GainExcess excess = excess_of_less_torque();
+        return std::max(excess.share - 2 * excess.standard_error, Real(0));
+    }
+
     // The share of the slow acceleration that something missing may stand behind: what is unexplained beyond
     // white noise on the plant (rows average it with a quadratic B-spline, so that of its power 0.55 stands
     // in a row and all of it in long runs) and beyond a standard deviation of what so many runs show of it,
@@ -544,10 +551,11 @@ class DynamicsEstimator {
                                 turning.monitor.excitation(kTorque, p.k8_per_kg_m2)};
         influence_.push(linear.velocity_product_influence, turning.velocity_product_influence);
         if (estimate_.rows < linear.errors.fewest_rows()) return;  // errors stay unknown
+        const Real excess = excess_error_share();
         const auto widened = [&](const Equation& e, Real k) {
             const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
             return std::hypot(e.torque_error, k * kOfABound * kShareInGain * missing_share(e),
-                              k * std::hypot(slow_error_share() * slow, lag_error_share_));
+                              k * std::hypot(slow_error_share() * slow, lag_error_share_, excess));
         };
         estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
                                     widened(linear, estimate_.dynamics.k7_per_kg_m),

@@ -175,7 +175,7 @@ class IdentificationRun {
     static constexpr Real kUsableDelay_s = Real(1e-3);  // a cycle: the estimator's timing columns do the rest
     // When time is up, this times the wanted standard errors of K7 and K8 will do.
     static constexpr Real kStillGood = 3;
-    static constexpr Real kStillGoodCoupling = 5;  // and this those of K5 and K6
+    static constexpr Real kStillGoodCoupling = 5;  // and this those of K5 and K6, or kStillGood as a share
     // Of the slow acceleration, RMS (`wheelwright sim` prints it). What a model misses is seen here before it
     // is seen in K7 and K8, of which it moves a tenth (kShareInGain): 5 % are half a per cent of them, the
     // wanted standard error, and 15 % are what errors of a per cent and a half rest on. No sharp limits: a
@@ -434,8 +434,11 @@ class IdentificationRun {
     }
 
     bool coupling_still_good() const {
-        const Real most = kStillGoodCoupling * options_.estimator.coupling_standard_error_m;
-        return coupling_error_m() <= most;
+        const DynamicsEstimatorOptions<Real>& wanted = options_.estimator;
+        const Real by_itself =
+            kStillGood * wanted.relative_standard_error * std::abs(estimate().dynamics.k5_m);
+        return coupling_error_m() <=
+               std::max(kStillGoodCoupling * wanted.coupling_standard_error_m, by_itself);
     }
 
     void check_limits(const Pose<Real>& pose, const Twist<Real>& velocity) {
