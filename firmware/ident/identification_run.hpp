@@ -168,8 +168,8 @@ class IdentificationRun {
 
   private:
     // Of the duration. Errors fall with the square root of time: until here each second lessens them by more
-    // than two hundredths, and what all the rest of the time could do is to halve them.
-    static constexpr double kWorthItsTime = 0.22;
+    // than a sixtieth, and what all the rest of the time could take from them is four tenths.
+    static constexpr double kWorthItsTime = 0.35;
     static constexpr double kLongestDelayPhase = 0.2;   // of the duration
     static constexpr Real kSureDelay_s = Real(5e-5);    // a twentieth of a cycle
     static constexpr Real kUsableDelay_s = Real(1e-3);  // a cycle: the estimator's timing columns do the rest

@@ -106,7 +106,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
 
     WW_REAL(0x00A0, ident.amplitude_Nm, "Nm", 0.0, 0.001, 1000.0, idle, "size of the excitation torque on each wheel; auto: as large as torque, speed and room allow"),
     WW_REAL(0x00A1, ident.bit_time_s, "s", 0.0, 0.001, 0.25, idle, "length of one bit of the excitation; auto: so that a bit changes the speed by about half of its limit"),
-    WW_REAL(0x00A2, ident.duration_s, "s", 85.0, 1.0, 250.0, idle, "longest time the identification may take, its probe included; it takes 22 % of that at least"),
+    WW_REAL(0x00A2, ident.duration_s, "s", 85.0, 1.0, 250.0, idle, "longest time the identification may take, its probe included; it takes 35 % of that at least"),
     WW_REAL(0x00A3, ident.speed_limit_m_per_s, "m/s", 0.0, 0.02, 5.0, idle, "speed the excitation is kept within; auto: crosses the room in some seconds, and can brake in it"),
     WW_REAL(0x00A4, ident.yaw_rate_limit_rad_per_s, "rad/s", 0.0, 0.1, 25.0, idle, "yaw rate the excitation is kept within; auto: wheels as fast as straight on"),
     WW_REAL(0x00A5, ident.distance_limit_m, "m", 1.5, 0.1, 25.0, idle, "distance from the starting point the excitation is kept within"),
