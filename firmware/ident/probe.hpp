@@ -492,15 +492,19 @@ class Probe {
         if (++pushes_ >= kMostPushes || !room_left()) return false;
         if (unlike_by_noise()) return true;
         if (sides_.poses_come()) return pushes_ < kFewestPushes || !sides_.would_tell(stage_way(), turning);
-        return pushes_ < kFewestEitherWay || (turning && speed_witness_.judge_mirror() == Mirror::unknown);
+        return pushes_ < kFewestEitherWay || answers_unlike() ||
+               (turning && speed_witness_.judge_mirror() == Mirror::unknown);
     }
-    // One wheel answers so much more than the other that it may be in the air, and with this noise of the
-    // answers runs_free() could not say so.
-    bool unlike_by_noise() const {
+    // One wheel answers so much more than the other that it may be in the air.
+    bool answers_unlike() const {
         const double left = std::abs(answered_[0].mean()), right = std::abs(answered_[1].mean());
+        return std::max(left, right) > kAlone * std::min(left, right);
+    }
+    // And with this noise of the answers runs_free() could not say so.
+    bool unlike_by_noise() const {
         const double unsure = kSure * std::max(answered_[0].error(), answered_[1].error());
-        return std::max(left, right) > kAlone * std::min(left, right) &&
-               std::max(left, right) < kRunsFree * unsure;
+        return answers_unlike() &&
+               std::max(std::abs(answered_[0].mean()), std::abs(answered_[1].mean())) < kRunsFree * unsure;
     }
     // How the wheels have gone in this stage.
     SideWitness::Way stage_way() const { return sides_.rolled(push_begin_, angle_); }
@@ -517,7 +521,7 @@ class Probe {
         const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
         const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
         const std::size_t quicker = own.right > own.left ? 1 : 0;
-        found_.on_floor = speed_witness_.on_floor(quicker) || sides_.rolls(quicker);
+        found_.on_floor = speed_witness_.on_floor() || sides_.rolls(quicker);
         const IdentCause fault =
             wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
                              !found_.on_floor && (pushed_well_ || ran_free_ != IdentCause::none));

@@ -46,25 +46,25 @@ class SpeedWitness {
         return cells > 0 ? sum / cells : 0;
     }
 
-    // False tells nothing.
-    bool on_floor(std::size_t wheel) const {
-        const Value more = more_in_turn(wheel);
-        return std::abs(more.value) > kSure * more.error;
+    // Both wheels are. False tells nothing.
+    bool on_floor() const {
+        const Patterns seen = patterns();
+        return std::max(seen.filed, seen.mirrored) > kSureOfFloor * seen.error;
     }
 
     Mirror judge_mirror() const {
-        const Value left = more_in_turn(0), right = more_in_turn(1);
-        const double sure = kSure * std::sqrt(left.error * left.error + right.error * right.error);
-        const double filed = std::abs(left.value + right.value);
-        const double mirrored = std::abs(left.value - right.value);
-        if (filed > std::max(sure, kClear * mirrored)) return Mirror::as_filed;
+        const Patterns seen = patterns();
+        const double sure = kSure * seen.error;
+        if (seen.filed > std::max(sure, kClear * seen.mirrored)) return Mirror::as_filed;
         const double unlike = kUnlikeTurns * (friction_m_per_s2() + scrub_m_per_s2());
-        return mirrored > std::max({sure, kClear * filed, unlike}) ? Mirror::mirrored : Mirror::unknown;
+        return seen.mirrored > std::max({sure, kClear * seen.filed, unlike}) ? Mirror::mirrored
+                                                                             : Mirror::unknown;
     }
 
   private:
     // Standard errors: by two pushes in each of eight cells once in 10^5.
     static constexpr double kSure = 10;
+    static constexpr double kSureOfFloor = 6;  // by four pushes in each, as of wheels that answer unlike
     // Wheels that answer unlike show in the other pattern too: half as much where one does three times as
     // much as the other.
     static constexpr double kClear = 2;
@@ -77,6 +77,14 @@ class SpeedWitness {
     // Of one direction of the wheel.
     double more_in_turn(std::size_t wheel, bool forward) const {
         return means_[1][wheel][forward].mean() - means_[0][wheel][forward].mean();
+    }
+    struct Patterns {
+        double filed, mirrored, error;
+    };
+    Patterns patterns() const {
+        const Value left = more_in_turn(0), right = more_in_turn(1);
+        return {std::abs(left.value + right.value), std::abs(left.value - right.value),
+                std::sqrt(left.error * left.error + right.error * right.error)};
     }
     // Of both.
     Value more_in_turn(std::size_t wheel) const {

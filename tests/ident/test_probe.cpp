@@ -245,7 +245,7 @@ TEST(ProbeParts, what_speed_does_tells_the_floor_and_one_wrong_sign) {
             Pushed robot{.k5_m = k5_m, .weak_right = weak};
             const ident::SpeedWitness filed = robot.witness();
             CHECK(filed.judge_mirror() == Mirror::as_filed);
-            CHECK(filed.on_floor(0) && filed.on_floor(1));
+            CHECK(filed.on_floor());
             robot.slope_m_per_s2 = 0.3;
             CHECK(robot.witness().judge_mirror() == Mirror::as_filed);
             robot.slope_m_per_s2 = 0;
@@ -262,7 +262,7 @@ TEST(ProbeParts, what_speed_does_tells_the_floor_and_one_wrong_sign) {
 TEST(ProbeParts, friction_scrub_and_a_wheel_in_the_air_are_not_taken_for_what_speed_does) {
     using ident::Mirror;
     const ident::SpeedWitness lifted = Pushed{.left_in_air = true}.witness();
-    CHECK_FALSE(lifted.on_floor(0));
+    CHECK_FALSE(lifted.on_floor());
     CHECK(lifted.judge_mirror() == Mirror::unknown);
     CHECK(Pushed{.k5_m = 0}.witness().judge_mirror() == Mirror::unknown);
     // a tenth less of it one way round looks like a wrong sign that matters little
@@ -271,10 +271,10 @@ TEST(ProbeParts, friction_scrub_and_a_wheel_in_the_air_are_not_taken_for_what_sp
     // lost in noise; seen once each way, which has no standard error; not pushed at all
     const ident::SpeedWitness noisy = Pushed{.spread = 0.05}.witness();
     CHECK(noisy.judge_mirror() == Mirror::unknown);
-    CHECK_FALSE(noisy.on_floor(0));
+    CHECK_FALSE(noisy.on_floor());
     const ident::SpeedWitness once = Pushed{.rounds = 1}.witness();
     CHECK(once.judge_mirror() == Mirror::unknown);
-    CHECK_FALSE(once.on_floor(1));
+    CHECK_FALSE(once.on_floor());
     CHECK(ident::SpeedWitness{}.judge_mirror() == Mirror::unknown);
     DOUBLES_EQUAL(0, ident::SpeedWitness{}.friction_m_per_s2(), 0);
 }
