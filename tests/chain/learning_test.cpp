@@ -131,6 +131,23 @@ TEST(ChainLearning, a_known_robots_identification_ends_soon_where_an_encoder_fre
     CHECK(longest_s <= 0.25);
 }
 
+// The probe ends by it before the watch does; a brake over such an encoder would speed the wheel up.
+TEST(ChainLearning, nobody_brakes_over_an_encoder_that_an_identification_has_found_to_lie) {
+    for (const std::size_t side : {0U, 1U}) {
+        Scene scene(kShared, 45);
+        scene.sim.world().drive(side).reverse_encoder();
+        CHECK(enter_mode(scene.sim, Mode::ident));
+        const ident::IdentificationRun<Real>& run = scene.sim.cycle().learning().run();
+        CHECK(scene.sim.run_until([&] { return run.finished(); }, 10));
+        CHECK(run.cause() == (side == 0 ? protocol::IdentCause::left_wheel_against_torque
+                                        : protocol::IdentCause::right_wheel_against_torque));
+        CHECK(scene.rim_speed() > 0.001);  // there was something to brake
+        const Scene::Worst worst = scene.run(0.5);
+        CHECK(worst.last_torque_s <= 0.005);
+        CHECK(scene.fault() == Fault::none);
+    }
+}
+
 TEST(ChainLearning, after_an_encoder_that_counted_the_other_way_the_robot_drives_again) {
     for (const std::size_t side : {0U, 1U}) {
         Scene scene(kShared, 44);
