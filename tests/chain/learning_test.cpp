@@ -131,7 +131,8 @@ TEST(ChainLearning, a_known_robots_identification_ends_soon_where_an_encoder_fre
     CHECK(longest_s <= 0.25);
 }
 
-// The probe ends by it before the watch does; a brake over such an encoder would speed the wheel up.
+// The probe ends by it before the watch does; a brake over such an encoder would speed the wheel up. One that
+// has found nothing wrong is braked.
 TEST(ChainLearning, nobody_brakes_over_an_encoder_that_an_identification_has_found_to_lie) {
     for (const std::size_t side : {0U, 1U}) {
         Scene scene(kShared, 45);
@@ -146,6 +147,11 @@ TEST(ChainLearning, nobody_brakes_over_an_encoder_that_an_identification_has_fou
         CHECK(worst.last_torque_s <= 0.005);
         CHECK(scene.fault() == Fault::none);
     }
+    Scene healthy(kShared, 45);
+    identify_until_it_rolls(healthy);
+    healthy.sim.host().mode(Mode::idle);
+    CHECK(healthy.run(1).last_torque_s > 0.03);
+    CHECK(healthy.rim_speed() < 0.01);
 }
 
 TEST(ChainLearning, after_an_encoder_that_counted_the_other_way_the_robot_drives_again) {
