@@ -4,9 +4,8 @@
 //   left       torque on the left wheel alone, rising slowly until it moves: sign, breakaway friction
 //   right      the same on the right
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
-//   turning    the same in place: rough K7 and K8, friction, how the wheels act on each other, and what speed
-//   does
-//              (speed_witness.hpp)
+//   turning    the same in place: rough K7 and K8, friction, how the wheels act on each other, and what
+//              speed does (speed_witness.hpp)
 //   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a

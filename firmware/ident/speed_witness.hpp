@@ -32,7 +32,7 @@ class SpeedWitness {
         means_[turning][1][forward].add(rim_m_per_s2.right);
     }
 
-    // What slows the wheels straight on, their mean.
+    // What slows the wheels straight on, their mean; 0 where none has been pushed.
     double friction_m_per_s2() const {
         double sum = 0;
         int cells = 0;
@@ -52,6 +52,7 @@ class SpeedWitness {
         return std::max(seen.filed, seen.mirrored) > kSureOfFloor * seen.error;
     }
 
+    // unknown until each wheel has been pushed twice in each direction, straight on and turning.
     Mirror judge_mirror() const {
         const Patterns seen = patterns();
         const double sure = kSure * seen.error;
@@ -86,7 +87,7 @@ class SpeedWitness {
         return {std::abs(left.value + right.value), std::abs(left.value - right.value),
                 std::sqrt(left.error * left.error + right.error * right.error)};
     }
-    // Of both.
+    // Of both directions.
     Value more_in_turn(std::size_t wheel) const {
         double variance = 0;
         for (const auto& motion : means_)
