@@ -4,8 +4,10 @@ namespace wheelwright::control {
 namespace {
 
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
-constexpr Real kBrakesShare = Real(1.5);  // of what the torque brakes by, with friction
+constexpr Real kBrakesShare = Real(1.5);    // of what the torque brakes by, with friction
+constexpr Real kFrictionGrows = Real(1.5);  // when cold, or to break away; at most, and as much less
 constexpr int kHistoryCycles = 16;
+constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
@@ -35,8 +37,9 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     const int span_cycles = identifying
                                 ? kGentleSpan_cycles
                                 : std::clamp(static_cast<int>(std::lround(span_s / kObserverCycle_s)), 6, 20);
-    const double held_Nm =
-        std::min(2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
+    double held_Nm = 2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm);
+    if (identifying && dry_Nm > 0) held_Nm = double(kFrictionGrows) * dry_Nm;
+    held_Nm = std::min(held_Nm, kNearlyAllTorque * limit_Nm);
     // No sooner than the angle can have changed: by what full torque does until the drives have told of it.
     const double full_rad_per_s2 =
         (from.dynamics.k7_per_kg_m + from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2) * limit_Nm /
@@ -49,7 +52,7 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             span_cycles,
             Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kObserverCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
-            identifying ? std::min(Real(seen_rad), kUnseen_rad) : kUnseen_rad};
+            std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad)};
 }
 
 void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
@@ -72,6 +75,8 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
     ++cycles_;
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
     const WheelPair<Real> unexplained = observer.unexplained_acceleration();
+    const Real friction_Nm = settings_.known_friction_Nm;
+    if (friction_Nm > 0) remember_changes(elapsed_s, torque_Nm, plant);
     const bool left =
         still(wheels_[0], angle_rad.left, told_ns[0], {speed.left, unexplained.left}, torque_Nm.left);
     const bool right =
@@ -80,10 +85,18 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
     const auto& radius_m = plant.geometry.wheel_radius_m;
     // A body that turns pulls at its wheels: that alone may hold one against full torque.
     const WheelPair<Real> holds_Nm = model::inverse_dynamics(plant.dynamics, observer.motion().twist, {});
-    const bool left_lies = left && hidden(wheels_[0], elapsed_s, torque_Nm.left, holds_Nm.left, radius_m.left,
-                                          plant, model_known);
-    const bool right_lies = right && hidden(wheels_[1], elapsed_s, torque_Nm.right, holds_Nm.right,
-                                            radius_m.right, plant, model_known);
+    const auto net_push = [&](bool is_still, Real speed_rad_per_s, Real push_Nm) {
+        const bool creeps = std::abs(speed_rad_per_s) <= settings_.creeping_rad_per_s;
+        if (creeps && is_still) return Range{0, 0};
+        return Range{push_Nm - (creeps || speed_rad_per_s > 0 ? friction_Nm : 0),
+                     push_Nm + (creeps || speed_rad_per_s < 0 ? friction_Nm : 0)};
+    };
+    const Pushed left_pushed{torque_Nm.left, holds_Nm.left, net_push(right, speed.right, torque_Nm.right)};
+    const Pushed right_pushed{torque_Nm.right, holds_Nm.right, net_push(left, speed.left, torque_Nm.left)};
+    const bool left_lies =
+        left && hidden(wheels_[0], elapsed_s, left_pushed, radius_m.left, plant, model_known);
+    const bool right_lies =
+        right && hidden(wheels_[1], elapsed_s, right_pushed, radius_m.right, plant, model_known);
     return left_lies || right_lies;
 }
 
@@ -107,47 +120,111 @@ bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, c
 }
 
 // Whether a wheel whose angle stands still has gone too far unseen.
-bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
+bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Real radius_m,
                           const PlantModel<Real>& plant, bool model_known) const {
     Unseen& unseen = wheel.unseen;
     if (unseen.frames <= 0) unseen = {.frames = unseen.frames};
     if (!model_known) {
-        unseen.pushed_cycles = beyond_held_Nm(wheel, torque_Nm, 0, 0) != 0 ? unseen.pushed_cycles + 1 : 0;
+        const bool turns = beyond_held_Nm(wheel, pushed.torque_Nm, 0, kNoSlope) != 0;
+        unseen.pushed_cycles = turns ? unseen.pushed_cycles + 1 : 0;
         return unseen.pushed_cycles >= kPushedCycles;
     }
     const Real forward = plant.dynamics.k7_per_kg_m / radius_m;
     const Real turning = plant.dynamics.k8_per_kg_m2 * plant.geometry.track_m / (2 * radius_m);
     const Real before = wheel.before.speed_rad_per_s;
     const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm * elapsed_s;
-    if (unseen.frames == 0) {  // the first cycle: how fast was it, at least, before it stood?
-        const Real least = std::abs(before) - brakes * Real(kHistoryCycles + wheel.history_age);
-        unseen.speed_rad_per_s = std::copysign(std::max(least, Real(0)), before);
-        unseen.from_rest = least <= 0;
+    const bool level_floor = settings_.known_friction_Nm > 0;
+    if (unseen.frames == 0) {  // the first cycle: how fast was it, at least and at most, before it stood?
+        const Real changed = level_floor ? kBrakesShare * wheel.before.changed_rad_per_s
+                                         : brakes * Real(kHistoryCycles + wheel.history_age);
+        unseen.speed_rad_per_s = {before - changed, before + changed};
+        unseen.from_rest = std::abs(before) <= changed;
+        if (!level_floor) {
+            const Real least = unseen.from_rest ? 0 : before - std::copysign(changed, before);
+            unseen.speed_rad_per_s = {least, least};
+        }
     }
-    const Real beyond_Nm =
-        beyond_held_Nm(wheel, torque_Nm, holds_Nm, -wheel.before.unexplained_rad_per_s2 / (2 * forward));
-    if (beyond_Nm != 0) {
-        unseen.speed_rad_per_s += beyond_Nm * (forward + turning) * elapsed_s;
-    } else if (unseen.speed_rad_per_s * torque_Nm < 0) {
-        unseen.speed_rad_per_s -= std::clamp(unseen.speed_rad_per_s, -brakes, brakes);
+    Range& speed = unseen.speed_rad_per_s;
+    if (level_floor) {
+        push_on(speed, pushed, (forward - turning) / (forward + turning), (forward + turning) * elapsed_s);
+    } else {
+        const Real beyond_Nm = beyond_held_Nm(wheel, pushed.torque_Nm, pushed.holds_Nm, 2 * forward);
+        if (beyond_Nm != 0) {
+            speed.least += beyond_Nm * (forward + turning) * elapsed_s;
+        } else if (speed.least * pushed.torque_Nm < 0) {
+            speed.least -= std::clamp(speed.least, -brakes, brakes);
+        }
+        speed.most = speed.least;
     }
-    unseen.angle_rad += unseen.speed_rad_per_s * elapsed_s;
-    const Real most_rad = unseen.from_rest ? settings_.unseen_from_rest_rad : kUnseen_rad;
-    return unseen.frames >= kFrames && !(std::abs(unseen.angle_rad) <= most_rad);
+    Range& angle = unseen.angle_rad;
+    angle.least += speed.least * elapsed_s;
+    angle.most += speed.most * elapsed_s;
+    unseen.time_s += elapsed_s;
+    const Real most_rad = unseen.from_rest || level_floor ? settings_.unseen_from_rest_rad : kUnseen_rad;
+    const bool may_stand = angle.least <= most_rad && angle.most >= -most_rad;
+    if (unseen.frames < kFrames) return false;
+    if (level_floor && may_stand) {  // what it was quicker by at first would have shown
+        const Real below_rad = std::max(-most_rad - angle.least, Real(0));
+        const Real above_rad = std::max(angle.most - most_rad, Real(0));
+        angle = {angle.least + below_rad, angle.most - above_rad};
+        speed = {speed.least + below_rad / unseen.time_s, speed.most - above_rad / unseen.time_s};
+        if (!unseen.from_rest && speed.least <= 0 && speed.most >= 0) {
+            angle = {};
+            unseen.time_s = 0;
+            unseen.from_rest = true;
+        }
+    }
+    return !may_stand;
+}
+
+// By how much, at most, torques and friction can have changed the wheels' speeds since they were noted.
+void EncoderWatch::remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm,
+                                    const PlantModel<Real>& plant) {
+    const auto& g = plant.geometry;
+    const Real forward = elapsed_s * plant.dynamics.k7_per_kg_m;
+    const Real turning = elapsed_s * plant.dynamics.k8_per_kg_m2 * g.track_m / 2;
+    const Real by_own = forward + turning;
+    const Real by_other = std::abs(forward - turning);
+    const Real left_Nm = std::abs(torque_Nm.left) + settings_.known_friction_Nm;
+    const Real right_Nm = std::abs(torque_Nm.right) + settings_.known_friction_Nm;
+    const auto add = [](Wheel& wheel, Real change_rad_per_s) {
+        wheel.before.changed_rad_per_s += change_rad_per_s;
+        wheel.lately.changed_rad_per_s += change_rad_per_s;
+    };
+    add(wheels_[0], (by_own * left_Nm + by_other * right_Nm) / g.wheel_radius_m.left);
+    add(wheels_[1], (by_own * right_Nm + by_other * left_Nm) / g.wheel_radius_m.right);
 }
 
 // What of a torque must turn the wheel.
-Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const {
+Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm,
+                                  Real gain_per_Nms2) const {
     Real least = std::min(Real(0), holds_Nm);
     Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
-        const bool crept = std::max(std::abs(wheel.before.speed_rad_per_s),
-                                    std::abs(wheel.lately.speed_rad_per_s)) <= settings_.creeping_rad_per_s;
-        const Real held_Nm = crept ? wheel.torque_Nm : 0;
-        least = std::min({least, slope_Nm, held_Nm});
-        most = std::max({most, slope_Nm, held_Nm});
+        const Real slope_Nm = -wheel.before.unexplained_rad_per_s2 / gain_per_Nms2;
+        const Real lately_Nm = -wheel.lately.unexplained_rad_per_s2 / gain_per_Nms2;
+        least = std::min({least, slope_Nm, lately_Nm});
+        most = std::max({most, slope_Nm, lately_Nm});
     }
     return torque_Nm - std::clamp(torque_Nm, least - settings_.held_Nm, most + settings_.held_Nm);
+}
+
+// A cycle of a wheel that nothing but friction holds, by its torque, and by what it gets through mass and
+// inertia from the other wheel. `gain_rad_per_s`: of speed, by a newton metre.
+void EncoderWatch::push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling,
+                           Real gain_rad_per_s) const {
+    const Real a_Nm = pushed.torque_Nm + coupling * pushed.other_Nm.least;
+    const Real b_Nm = pushed.torque_Nm + coupling * pushed.other_Nm.most;
+    const Real least_Nm = std::min(a_Nm, b_Nm) - std::max(Real(0), pushed.holds_Nm);
+    const Real most_Nm = std::max(a_Nm, b_Nm) - std::min(Real(0), pushed.holds_Nm);
+    const auto next = [gain_rad_per_s](Real speed, Real push_Nm, Real ahead_Nm, Real back_Nm) {
+        return std::max(std::max(speed, Real(0)) + gain_rad_per_s * (push_Nm - ahead_Nm), Real(0)) +
+               std::min(std::min(speed, Real(0)) + gain_rad_per_s * (push_Nm + back_Nm), Real(0));
+    };
+    const Real most_friction_Nm = settings_.held_Nm;
+    const Real least_friction_Nm = most_friction_Nm / (kFrictionGrows * kFrictionGrows);
+    speed_rad_per_s.least = next(speed_rad_per_s.least, least_Nm, most_friction_Nm, least_friction_Nm);
+    speed_rad_per_s.most = next(speed_rad_per_s.most, most_Nm, least_friction_Nm, most_friction_Nm);
 }
 
 // Once in each span.

@@ -5,11 +5,15 @@
 //
 // Per wheel, from its last change of angle on, the angle it must have gone unseen is integrated: from the
 // speed it had, and from the acceleration by the torque beyond what can be held without moving: friction, and
-// a slope's share, which is what accelerated the wheel while it turned, or what held it when it crept to a
-// stop. Nobody holds nearly the whole torque limit. A torque against its motion may brake the wheel by half
-// more than the whole limit would. Too much unseen is one and a half steps of the coarsest encoder; on a
-// floor where friction alone may hold a wheel that stood, of this one. Where no model is known yet, it is
-// time.
+// a slope's share, which is what accelerated the wheel, beside the model, while it turned. Nobody holds
+// nearly the whole torque limit. A torque against its motion may brake the wheel by half more than the whole
+// limit would. Too much unseen is one and a half steps of the coarsest encoder, or half of that for a wheel
+// that stood, where this encoder's own steps allow. Where no model is known yet, it is time.
+//
+// Where friction is known and the floor is level, in an identification, both ends of what the speed and the
+// angle can be are followed: by the torques that were asked, friction of half more or less than the known
+// one, and what mass and inertia hand on from the other wheel. What would have shown by now is left out. The
+// wheel lies when no such motion stays within this encoder's steps.
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
@@ -23,6 +27,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/control/wheel_observer.hpp"
@@ -66,16 +71,21 @@ class EncoderWatch {
     }
 
   private:
+    struct Range {
+        Real least = 0, most = 0;
+    };
     struct Motion {
         Real speed_rad_per_s = 0;
         Real unexplained_rad_per_s2 = 0;
+        Real changed_rad_per_s = 0;  // since, at most
     };
     struct Unseen {  // since the angle last changed
-        Real speed_rad_per_s = 0;
-        Real angle_rad = 0;
+        Range speed_rad_per_s{};
+        Range angle_rad{};
+        Real time_s{};
         int frames = -1;  // with the same angle
-        bool from_rest = false;
-        int pushed_cycles = 0;
+        bool from_rest{};
+        int pushed_cycles{};
     };
     struct Wheel {
         double angle_rad = 0;  // and the torque at its last change
@@ -89,13 +99,20 @@ class EncoderWatch {
         WheelPair<Real> speed_rad_per_s;
         WheelPair<Real> expected_rad_per_s;  // gained by the model since the watch began
     };
+    struct Pushed {  // a wheel
+        Real torque_Nm = 0;
+        Real holds_Nm = 0;  // a body that turns
+        Range other_Nm;     // of the other wheel's torque, what accelerates it
+    };
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
     static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now,
                       Real torque_Nm);
-    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real slope_Nm) const;
-    bool hidden(Wheel& wheel, Real elapsed_s, Real torque_Nm, Real holds_Nm, Real radius_m,
+    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_per_Nms2) const;
+    void remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant);
+    void push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling, Real gain_rad_per_s) const;
+    bool hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Real radius_m,
                 const PlantModel<Real>& plant, bool model_known) const;
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
     Lie turned_round(const Instant& from, const Instant& to) const;

@@ -103,13 +103,29 @@ TEST(ChainLearning, a_known_robot_keeps_its_model_until_a_new_one_is_found) {
     DOUBLES_EQUAL(known, plant_k7(scene), 0);
 }
 
+namespace {
+
+// What an identification leaves in the file, of the truth's friction 3 % too much.
+model::RobotParameters identified_with_friction() {
+    model::RobotParameters p = identified();
+    for (const char* name : {"coulomb_friction", "viscous_friction"}) {
+        const std::size_t i = model::find_effect(name);
+        p.effects.active[i] = true;
+        for (double& value : p.effects.parameter[i] = real().parameters.effects.parameter[i]) value *= 1.03;
+    }
+    p.velocity_loop.angle_noise_rad = 1e-4;
+    return p;
+}
+
+}  // namespace
+
 // Its encoders are watched by the known model, not by what the run itself notices in a while.
 TEST(ChainLearning, a_known_robots_identification_ends_soon_where_an_encoder_freezes) {
-    int late = 0, runs = 0;
+    const model::RobotParameters known = identified_with_friction();
     double longest_s = 0;
     for (unsigned seed = 43; seed < 53; ++seed) {
         for (const std::size_t side : {0U, 1U}) {
-            Scene scene(kShared, seed);
+            Scene scene(kShared, seed, known);
             identify_until_it_rolls(scene);
             scene.sim.world().drive(side).faults().frozen_encoder = true;
             const auto angle = [&] {
@@ -117,18 +133,19 @@ TEST(ChainLearning, a_known_robots_identification_ends_soon_where_an_encoder_fre
                 return side == 0 ? both.left : both.right;
             };
             const double told_rad = angle();
-            CHECK(scene.sim.run_until([&] { return std::abs(angle() - told_rad) > kMostUnseen_rad; }, 1));
+            CHECK(scene.sim.run_until(
+                [&] {
+                    return std::abs(angle() - told_rad) > kMostUnseen_rad || scene.fault() != Fault::none;
+                },
+                1));
             const Scene::Worst worst = scene.run(1);
             CHECK(scene.fault() == Fault::encoder_implausible);
             CHECK(scene.sim.cycle().learning().run().cause() == protocol::IdentCause::interrupted);
-            ++runs;
-            if (worst.last_torque_s > 0.1) ++late;
+            CHECK_TEXT(worst.last_torque_s <= 0.1, std::to_string(worst.last_torque_s).c_str());
             longest_s = std::max(longest_s, worst.last_torque_s);
         }
     }
-    std::printf("%d of %d later than 0.1 s, %.3f s at most\n", late, runs, longest_s);
-    CHECK(late <= 4);  // the wheel turns round with the excitation, and comes back to where it was told
-    CHECK(longest_s <= 0.25);
+    std::printf("  torque for %.0f ms at most\n", 1e3 * longest_s);
 }
 
 // The probe ends by it before the watch does; a brake over such an encoder would speed the wheel up. One that
