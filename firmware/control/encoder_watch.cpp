@@ -25,21 +25,20 @@ constexpr int kAgainstPushCycles = 40;
 }  // namespace
 
 EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, bool identifying) {
-    constexpr double kUnknownFriction = 0.25;  // of the torque limit, each way
+    constexpr double kUnknownFriction = 0.5;  // of the torque limit
     constexpr double kFrictionMayBeWrong = 1.25;
     constexpr double kBeside = 0.1;  // of the torque limit
     const double limit_Nm = from.limits.torque_Nm;
     const double dry_Nm = limit_Nm - accelerating_Nm(from);
-    const double friction_Nm = dry_Nm > 0 ? kFrictionMayBeWrong * dry_Nm : kUnknownFriction * limit_Nm;
     // The observer follows within some of its time constants.
     const double span_s = 1 / velocity_loop_speed(from, kObserverCycle_s).observer_bandwidth_rad_per_s;
     constexpr int kGentleSpan_cycles = 15;
     const int span_cycles = identifying
                                 ? kGentleSpan_cycles
                                 : std::clamp(static_cast<int>(std::lround(span_s / kObserverCycle_s)), 6, 20);
-    double held_Nm = 2 * friction_Nm + (identifying ? 0 : kBeside * limit_Nm);
-    if (identifying && dry_Nm > 0) held_Nm = double(kFrictionGrows) * dry_Nm;
-    held_Nm = std::min(held_Nm, kNearlyAllTorque * limit_Nm);
+    const double friction_Nm = dry_Nm > 0 ? double(kFrictionGrows) * dry_Nm : kUnknownFriction * limit_Nm;
+    const double held_Nm =
+        std::min(friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
     // No sooner than the angle can have changed: by what full torque does until the drives have told of it.
     const double full_rad_per_s2 =
         (from.dynamics.k7_per_kg_m + from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2) * limit_Nm /
@@ -77,10 +76,8 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
     const WheelPair<Real> unexplained = observer.unexplained_acceleration();
     const Real friction_Nm = settings_.known_friction_Nm;
     if (friction_Nm > 0) remember_changes(elapsed_s, torque_Nm, plant);
-    const bool left =
-        still(wheels_[0], angle_rad.left, told_ns[0], {speed.left, unexplained.left}, torque_Nm.left);
-    const bool right =
-        still(wheels_[1], angle_rad.right, told_ns[1], {speed.right, unexplained.right}, torque_Nm.right);
+    const bool left = still(wheels_[0], angle_rad.left, told_ns[0], {speed.left, unexplained.left});
+    const bool right = still(wheels_[1], angle_rad.right, told_ns[1], {speed.right, unexplained.right});
     if (!left && !right) return false;
     const auto& radius_m = plant.geometry.wheel_radius_m;
     // A body that turns pulls at its wheels: that alone may hold one against full torque.
@@ -101,15 +98,13 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
 }
 
 // Whether the angle is the same as before.
-bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now,
-                         Real torque_Nm) {
+bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now) {
     if (angle_rad == wheel.angle_rad) {
         wheel.unseen.frames += told_ns != wheel.told_ns;
         wheel.told_ns = told_ns;
         return true;
     }
     wheel.angle_rad = angle_rad;
-    wheel.torque_Nm = torque_Nm;
     wheel.unseen.frames = -1;
     if (++wheel.history_age >= kHistoryCycles) {
         wheel.before = wheel.lately;

@@ -88,8 +88,7 @@ class EncoderWatch {
         int pushed_cycles{};
     };
     struct Wheel {
-        double angle_rad = 0;  // and the torque at its last change
-        Real torque_Nm = 0;
+        double angle_rad = 0;
         std::int64_t told_ns = 0;
         Unseen unseen;
         Motion before, lately;  // 16 to 32 cycles ago, and up to 16; of those in which the angle changed
@@ -107,8 +106,7 @@ class EncoderWatch {
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now,
-                      Real torque_Nm);
+    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now);
     Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_per_Nms2) const;
     void remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant);
     void push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling, Real gain_rad_per_s) const;

@@ -186,9 +186,10 @@ TEST(EncoderWatch, a_still_encoder_of_an_unknown_robot_is_seen_after_80_ms_of_wh
         LONGS_EQUAL(-1, w.drive(pushes(kLimit_Nm, false), 300));
         LONGS_EQUAL(-1, w.drive(pushes(-kLimit_Nm, false), 300));
         w.lies(right, 0);
-        LONGS_EQUAL(-1, w.drive(pushes(1, false), 300));
+        LONGS_EQUAL(-1,
+                    w.drive(pushes(0.8, false), 300));  // half more than its friction, and a tenth of 4 Nm
         LONGS_EQUAL(-1, w.drive(pushes(kLimit_Nm, false), 60));
-        LONGS_EQUAL(-1, w.drive(pushes(1, false), 20));  // counts anew
+        LONGS_EQUAL(-1, w.drive(pushes(0.8, false), 20));  // counts anew
         const int seen = w.drive(pushes(kLimit_Nm, false), 300);
         CHECK_TEXT(seen >= 75 && seen <= 85, std::to_string(seen).c_str());
     }
@@ -1053,9 +1054,12 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
     };
     // 4 Nm, mean radius 0.08 m
     const Row rows[] = {
-        {0.3, 0.2, 100, 2 * 0.375 + 0.4, 0.45, 0.375, 10}, {0.2, 0.3, 69, 2 * 0.375 + 0.4, 0.45, 0.375, 14},
-        {0, 0, 40, 2 * 1.0 + 0.4, 2 * 1.0, 0, 20},         {1.5, 0.2, 500, 3, 2.25, 1.875, 6},
-        {0.3, 0.2, 160, 2 * 0.375 + 0.4, 0.45, 0.375, 6},  {0.3, 0.2, 150, 2 * 0.375 + 0.4, 0.45, 0.375, 7},
+        {0.3, 0.2, 100, 0.45 + 0.4, 0.45, 0.375, 10},
+        {0.2, 0.3, 69, 0.45 + 0.4, 0.45, 0.375, 14},
+        {0, 0, 40, 2.0 + 0.4, 2, 0, 20},
+        {1.5, 0.2, 500, 2.25 + 0.4, 2.25, 1.875, 6},
+        {0.3, 0.2, 160, 0.45 + 0.4, 0.45, 0.375, 6},
+        {0.3, 0.2, 150, 0.45 + 0.4, 0.45, 0.375, 7},
     };
     for (const Row& row : rows) {
         model::RobotParameters p = parameters();

@@ -36,9 +36,8 @@ struct Known {
 constexpr Known kKnown[] = {
     // clang-format off
     {"lie_sign", 141021, "late"},
-    {"lie_frozen", 141101, "late"},
-    {"lie_both_frozen", 141095, "late"},         // during an identification, as the next
-    {"lie_frame_repeated", 181005, "late"},
+    {"lie_frozen", 141021, "late"},
+    {"lie_frame_repeated", 151177, "late"},
     {"lie_half_speed", 29, "quicker"},
     {"swapped_nodes", 141062, "quicker"},
     // clang-format on
