@@ -155,7 +155,7 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Re
     angle.least += speed.least * elapsed_s;
     angle.most += speed.most * elapsed_s;
     unseen.time_s += elapsed_s;
-    const Real most_rad = unseen.from_rest || level_floor ? settings_.unseen_from_rest_rad : kUnseen_rad;
+    const Real most_rad = unseen.from_rest ? settings_.unseen_from_rest_rad : kUnseen_rad;
     const bool may_stand = angle.least <= most_rad && angle.most >= -most_rad;
     if (unseen.frames < kFrames) return false;
     if (level_floor && may_stand) {  // what it was quicker by at first would have shown
