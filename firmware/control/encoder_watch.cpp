@@ -190,14 +190,14 @@ void EncoderWatch::remember_changes(Real elapsed_s, const WheelPair<Real>& torqu
     add(wheels_[1], (by_own * right_Nm + by_other * left_Nm) / g.wheel_radius_m.right);
 }
 
-// What of a torque must turn the wheel.
+// What of a torque must turn the wheel. `gain_rad_per_s2`: of its speed, by a newton metre on each wheel.
 Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm,
-                                  Real gain_per_Nms2) const {
+                                  Real gain_rad_per_s2) const {
     Real least = std::min(Real(0), holds_Nm);
     Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
-        const Real slope_Nm = -wheel.before.unexplained_rad_per_s2 / gain_per_Nms2;
-        const Real lately_Nm = -wheel.lately.unexplained_rad_per_s2 / gain_per_Nms2;
+        const Real slope_Nm = -wheel.before.unexplained_rad_per_s2 / gain_rad_per_s2;
+        const Real lately_Nm = -wheel.lately.unexplained_rad_per_s2 / gain_rad_per_s2;
         least = std::min({least, slope_Nm, lately_Nm});
         most = std::max({most, slope_Nm, lately_Nm});
     }

@@ -107,7 +107,7 @@ class EncoderWatch {
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
     static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now);
-    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_per_Nms2) const;
+    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_rad_per_s2) const;
     void remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant);
     void push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling, Real gain_rad_per_s) const;
     bool hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Real radius_m,
