@@ -612,6 +612,143 @@ TEST(EncoderWatch, without_a_model_80_cycles_in_a_row_of_more_than_friction_hold
     }
 }
 
+namespace {
+
+// What an unseen wheel can do on a level floor, stated a second time, wheel by wheel.
+struct LevelFloor {
+    struct Noted {
+        double speed = 0, changed = 0;
+    };
+    struct Wheel {
+        Noted before, lately;
+        int age = 0, frames = -1;
+        bool rest = false;
+        double slowest = 0, fastest = 0, back = 0, ahead = 0, time_s = 0;
+    };
+    EncoderWatchSettings settings;
+    double k6_per_m;
+    std::array<Wheel, 2> wheels{};
+
+    // By a push of p, a speed that friction of `with` holds back when forward, `against` when backward.
+    static double next(double speed, double gain, double p, double with, double against) {
+        const double forward = (speed > 0 ? speed : 0) + gain * (p - with);
+        const double backward = (speed < 0 ? speed : 0) + gain * (p + against);
+        return (forward > 0 ? forward : 0) + (backward < 0 ? backward : 0);
+    }
+
+    bool cycle(const Cycle& c) {
+        const std::array<double, 2> radius{kRadius_m.left, kRadius_m.right};
+        const std::array<double, 2> torque{c.torque_Nm.left, c.torque_Nm.right};
+        const std::array<double, 2> speed{c.speed_rad_per_s.left, c.speed_rad_per_s.right};
+        const double forward = kK7, turning = kK8 * kTrack_m / 2, friction = settings.known_friction_Nm;
+        const double v = (radius[0] * speed[0] + radius[1] * speed[1]) / 2;
+        const double omega = (radius[1] * speed[1] - radius[0] * speed[0]) / kTrack_m;
+        const double holds_right = -k6_per_m * v * omega / kK8 / 2;
+        bool lies = false;
+        for (const std::size_t i : {0U, 1U}) {
+            Wheel& w = wheels[i];
+            const std::size_t o = 1 - i;
+            const double changed = kElapsed_s / radius[i] *
+                                   ((forward + turning) * (std::abs(torque[i]) + friction) +
+                                    std::abs(forward - turning) * (std::abs(torque[o]) + friction));
+            w.before.changed += changed;
+            w.lately.changed += changed;
+            if (!c.stands[i]) {
+                w.frames = -1;
+                if (++w.age == 16) {
+                    w.before = w.lately;
+                    w.lately = {speed[i], 0};
+                    w.age = 0;
+                }
+                continue;
+            }
+            if (++w.frames == 0) {
+                const double by = 1.5 * w.before.changed;
+                w = {w.before,
+                     w.lately,
+                     w.age,
+                     0,
+                     std::abs(w.before.speed) <= by,
+                     w.before.speed - by,
+                     w.before.speed + by};
+            }
+            const bool creeps = std::abs(speed[o]) <= settings.creeping_rad_per_s;
+            double least = torque[o] - (creeps || speed[o] > 0 ? friction : 0);
+            double most = torque[o] + (creeps || speed[o] < 0 ? friction : 0);
+            if (creeps && c.stands[o]) least = most = 0;
+            const double coupling = (forward - turning) / (forward + turning);  // negative
+            const double holds = i == 1 ? holds_right : -holds_right;
+            const double gain = kElapsed_s * (forward + turning) / radius[i];
+            const double held = settings.held_Nm;
+            w.slowest =
+                next(w.slowest, gain, torque[i] + coupling * most - std::max(holds, 0.0), held, held / 2.25);
+            w.fastest =
+                next(w.fastest, gain, torque[i] + coupling * least - std::min(holds, 0.0), held / 2.25, held);
+            w.back += kElapsed_s * w.slowest;
+            w.ahead += kElapsed_s * w.fastest;
+            w.time_s += kElapsed_s;
+            const double room = w.rest ? settings.unseen_from_rest_rad : kUnseen_rad;
+            if (w.frames < 4) continue;
+            if (w.back > room || w.ahead < -room) {
+                lies = true;
+                continue;
+            }
+            if (w.back < -room) {
+                w.slowest += (-room - w.back) / w.time_s;
+                w.back = -room;
+            }
+            if (w.ahead > room) {
+                w.fastest -= (w.ahead - room) / w.time_s;
+                w.ahead = room;
+            }
+            if (!w.rest && w.slowest <= 0 && w.fastest >= 0) {
+                w.rest = true;
+                w.back = w.ahead = w.time_s = 0;
+            }
+        }
+        return lies;
+    }
+};
+
+}  // namespace
+
+TEST(EncoderWatch, on_a_level_floor_it_follows_all_that_an_unseen_wheel_can_do) {
+    EncoderWatchSettings settings = kSettings;
+    settings.known_friction_Nm = 0.25;
+    settings.held_Nm = 0.375;
+    bench::Noise random(17);
+    int seen = 0, cycles = 0;
+    for (int run = 0; run < 2000; ++run) {
+        settings.unseen_from_rest_rad = run % 2 == 0 ? 0.01 : 0.04;
+        Told t(settings);
+        t.plant.dynamics.k6_per_m = -0.8;
+        LevelFloor expects{settings, -0.8};
+        Cycle c;
+        int left = 0;
+        for (int n = 0; n < 400; ++n) {
+            if (left-- == 0) {
+                left = 3 + static_cast<int>(40 * std::abs(random.uniform()));
+                const double gentle = random.uniform() < 0.5 ? 0.4 : 2;
+                const double slow = random.uniform() < 0.3 ? 0.4 : 8;
+                c.torque_Nm = {gentle * random.uniform(), gentle * random.uniform()};
+                if (random.uniform() < 0.2) c.torque_Nm = {};
+                c.speed_rad_per_s = {slow * random.uniform(), slow * random.uniform()};
+                const double which = n < 40 ? 1 : random.uniform();
+                c.stands = {which<0.4, which> - 0.2 && which < 0.6};
+            }
+            ++cycles;
+            const bool lies = expects.cycle(c);
+            CHECK_EQUAL_TEXT(lies, t.cycle(c, false),
+                             (std::to_string(run) + " " + std::to_string(n)).c_str());
+            if (!lies) continue;
+            ++seen;
+            break;
+        }
+    }
+    std::printf("  %d cycles, %d lies\n", cycles, seen);
+    CHECK(seen > 500 && seen < 1900);
+}
+
 TEST(EncoderWatch, both_encoders_that_leap_at_once_are_not_believed) {
     for (const int leaps : {0, 1, 2, 3}) {  // bits: left, right
         Told t;
