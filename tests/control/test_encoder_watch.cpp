@@ -235,8 +235,8 @@ TEST(EncoderWatch, an_identifications_pushes_show_a_still_encoder_at_any_moment)
         double told_rad = 0;
         int hidden_cycles = -1;
         for (int push = 0; push < 40 && hidden_cycles < 0; ++push) {
-            const double share = (0.1 + 0.5 * std::abs(random.uniform())) * (push / 2 % 2 == 0 ? 1 : -1);
-            const int cycles = 20 + static_cast<int>(80 * std::abs(random.uniform()));
+            const double share = (0.1 + 0.5 * random.uniform()) * (push / 2 % 2 == 0 ? 1 : -1);
+            const int cycles = 20 + static_cast<int>(80 * random.uniform());
             const int freezes = push == 20 + run % 5 ? cycles / 2 : -1;
             for (int i = 0; i < 2 * cycles; ++i) {
                 const double angle_rad = right ? w.robot.right.position_rad : w.robot.left.position_rad;
@@ -511,6 +511,21 @@ TEST(EncoderWatch, a_wheel_that_stood_may_turn_less_unseen_where_its_encoder_is_
     }
 }
 
+// Not even when a brake may have stopped it since.
+TEST(EncoderWatch, a_wheel_that_turned_is_believed_as_long_as_any_is_when_it_was_braked) {
+    EncoderWatchSettings fine = kSettings;
+    fine.unseen_from_rest_rad = 0.02;
+    for (const bool right : {false, true}) {
+        Told t(fine);
+        LONGS_EQUAL(0, t.cycles({one(right, of(kBrakes_rad_per_s, right) * 16 + 0.1, 2), {}, {}, {}}, 32));
+        Cycle c{{}, {}, {}, one(right, -0.5, 0)};
+        c.stands[right] = true;
+        LONGS_EQUAL(0, t.cycles(c, 8));
+        of(c.torque_Nm, right) = 2;
+        LONGS_EQUAL(first_unseen(0, of(kOwn_per_Nm, right) * 0.75), t.cycles(c, 500));
+    }
+}
+
 // Five frames with one angle at least, however fast it was.
 TEST(EncoderWatch, the_same_frame_again_says_nothing_new) {
     for (const bool right : {false, true}) {
@@ -547,7 +562,7 @@ TEST(EncoderWatch, what_was_unseen_is_forgotten_when_the_angle_changes_or_nothin
 TEST(EncoderWatch, a_turning_body_and_a_slope_may_hold_a_wheel) {
     for (const bool right : {false, true}) {
         for (const int sign : {1, -1}) {
-            for (const double torque_Nm : {2.875, 3.5}) {
+            for (const double torque_Nm : {2.875, 3.0, 3.5}) {
                 Told t;
                 t.plant.dynamics.k5_m = 0.01;
                 t.plant.dynamics.k6_per_m = -0.8;
@@ -717,6 +732,7 @@ TEST(EncoderWatch, on_a_level_floor_it_follows_all_that_an_unseen_wheel_can_do) 
     settings.known_friction_Nm = 0.25;
     settings.held_Nm = 0.375;
     bench::Noise random(17);
+    const auto up_to = [&random](double most) { return most * (2 * random.uniform() - 1); };
     int seen = 0, cycles = 0;
     for (int run = 0; run < 2000; ++run) {
         settings.unseen_from_rest_rad = run % 2 == 0 ? 0.01 : 0.04;
@@ -727,12 +743,14 @@ TEST(EncoderWatch, on_a_level_floor_it_follows_all_that_an_unseen_wheel_can_do) 
         int left = 0;
         for (int n = 0; n < 400; ++n) {
             if (left-- == 0) {
-                left = 3 + static_cast<int>(40 * std::abs(random.uniform()));
+                left = 3 + static_cast<int>(40 * random.uniform());
                 const double gentle = random.uniform() < 0.5 ? 0.4 : 2;
                 const double slow = random.uniform() < 0.3 ? 0.4 : 8;
-                c.torque_Nm = {gentle * random.uniform(), gentle * random.uniform()};
+                c.torque_Nm = {up_to(gentle), up_to(gentle)};
                 if (random.uniform() < 0.2) c.torque_Nm = {};
-                c.speed_rad_per_s = {slow * random.uniform(), slow * random.uniform()};
+                c.speed_rad_per_s = {up_to(slow), up_to(slow)};
+                if (random.uniform() < 0.1)
+                    c.speed_rad_per_s = {settings.creeping_rad_per_s, -settings.creeping_rad_per_s};
                 const double which = n < 40 ? 1 : random.uniform();
                 c.stands = {which<0.4, which> - 0.2 && which < 0.6};
             }
