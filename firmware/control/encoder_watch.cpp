@@ -1,5 +1,7 @@
 #include "firmware/control/encoder_watch.hpp"
 
+#include <limits>
+
 namespace wheelwright::control {
 namespace {
 

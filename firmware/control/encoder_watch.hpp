@@ -27,7 +27,6 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
-#include <limits>
 
 #include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/control/wheel_observer.hpp"

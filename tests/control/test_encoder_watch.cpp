@@ -752,7 +752,8 @@ TEST(EncoderWatch, on_a_level_floor_it_follows_all_that_an_unseen_wheel_can_do) 
                 if (random.uniform() < 0.1)
                     c.speed_rad_per_s = {settings.creeping_rad_per_s, -settings.creeping_rad_per_s};
                 const double which = n < 40 ? 1 : random.uniform();
-                c.stands = {which<0.4, which> - 0.2 && which < 0.6};
+                const bool right_stands = which > 0.2 && which < 0.6;
+                c.stands = {which < 0.4, right_stands};
             }
             ++cycles;
             const bool lies = expects.cycle(c);
