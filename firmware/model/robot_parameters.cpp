@@ -83,7 +83,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x0063, safety.over_yaw_rate_rad_per_s, "rad/s", 14.0, 0.02, 80.0, start, "measured yaw rate that is a fault"),
     WW_REAL(0x0064, safety.clear_speed_m_per_s, "m/s", 0.05, 0.001, 1.0, start, "a fault clears only below this measured wheel rim speed"),
     WW_REAL(0x0065, safety.ramp_timeout_s, "s", 0.0, 0.01, 60.0, start, "a braking ramp that takes longer becomes coasting; auto: twice what half of the torque needs from the speed limits, and 0.5 s"),
-    WW_REAL(0x0066, safety.host_timeout_s, "s", 0.4, 0.0, 0.49, start, "identification and the firmware's own paths stop when no frame of the host but ExternalPose came for this long (HostAlive is one that says nothing else); 0: not asked for"),
+    WW_REAL(0x0066, safety.host_timeout_s, "s", 0.4, 0.0, 0.49, start, "a robot that drives stops when no frame of the host but ExternalPose came for this long (HostAlive is one that says nothing else); 0: not asked for"),
     WW_CHOICE(0x0068, safety.stale_command_reaction, kReactions, 0, start, "what a stale set-point does"),
     WW_CHOICE(0x0069, safety.over_speed_reaction, kReactions, 0, start, "what excess speed does"),
     WW_CHOICE(0x006A, safety.emergency_stop_reaction, kReactions, 0, start, "what the emergency stop does"),

@@ -57,15 +57,14 @@ enum class From : std::uint8_t { nowhere, idle, idle_or_driving };
 // What gives the torque while a mode drives.
 enum class Law : std::uint8_t { none, torque, excitation, velocity, pose, path };
 
-// What the host must go on sending while a mode drives: a set-point, once it has begun; or anything, where
-// the robot drives by itself.
+// The set-point that must go on coming, once it has begun. In every mode that drives somebody must be there
+// besides: a host of which anything comes.
 enum class Setpoint : std::uint8_t {
     none,
     torque,
     velocity,
     goal,
-    stream,  // if the path is one, else anything
-    anything
+    stream  // where the path is one
 };
 
 // What must be true to enter a mode: bits for kEntryRules and kArmedRules.
@@ -86,7 +85,7 @@ inline constexpr std::array kModes{
     ModeRule{Mode::boot, From::nowhere, kNothing, Law::none, Setpoint::none, false},
     ModeRule{Mode::idle, From::idle_or_driving, kNothing, Law::none, Setpoint::none, false},
     ModeRule{Mode::torque, From::idle_or_driving, kDrives, Law::torque, Setpoint::torque, false},
-    ModeRule{Mode::ident, From::idle, kDrives | kRest, Law::excitation, Setpoint::anything, false},
+    ModeRule{Mode::ident, From::idle, kDrives | kRest, Law::excitation, Setpoint::none, false},
     ModeRule{Mode::velocity, From::idle_or_driving, kDrives | kLoops, Law::velocity, Setpoint::velocity,
              false},
     ModeRule{Mode::pose, From::idle_or_driving, kDrives | kLoops, Law::pose, Setpoint::goal, false},
@@ -115,8 +114,6 @@ constexpr std::uint16_t modes_where(Which which) {
 }
 inline constexpr std::uint16_t kIdle = bit(Mode::idle);
 inline constexpr std::uint16_t kDriving = modes_where([](const ModeRule& m) { return m.law != Law::none; });
-inline constexpr std::uint16_t kSetpointModes =
-    modes_where([](const ModeRule& m) { return m.setpoint != Setpoint::none; });
 
 // Whether a stop brakes to rest first, as the robot file's [safety] says.
 struct StopChoices {
@@ -166,7 +163,7 @@ inline constexpr std::array kFaultRules{
     FaultRule{&Conditions::supply_high, true, kDriving, Fault::drive_voltage_out_of_range, kCoast},
     FaultRule{&Conditions::drive_overheated, true, kDriving, Fault::drive_overheated,
               &StopChoices::drive_limits_ramp},
-    FaultRule{&Conditions::command_stale, true, kSetpointModes, Fault::stale_command,
+    FaultRule{&Conditions::command_stale, true, kDriving, Fault::stale_command,
               &StopChoices::stale_command_ramps},
     FaultRule{&Conditions::terminate, true, kDriving, Fault::terminated, &StopChoices::terminate_ramps},
 };

@@ -22,7 +22,6 @@ bool with_setpoint(Link& host, supervisor::Setpoint which, Look look) {
         case supervisor::Setpoint::stream:
             return look(host.streamed, protocol::StreamedPose::cycle_time_ms);
         case supervisor::Setpoint::none:
-        case supervisor::Setpoint::anything:
             break;
     }
     return false;
@@ -35,7 +34,7 @@ inline bool late(const HostLink& host, supervisor::Setpoint which, std::int64_t 
     });
 }
 
-// Where no set-point is asked for, somebody must be there all the same. A limit of 0: nobody need be.
+// Nobody is there, with a set-point or without. A limit of 0: nobody need be.
 inline bool host_gone(const HostLink& host, std::int64_t now_ns, double limit_s) {
     return limit_s > 0 && stale(host.heard_ns(), now_ns, limit_s);
 }

@@ -67,8 +67,7 @@ TEST(ChainBuses, a_jam_leaves_one_old_torque_for_each_drive_at_most) {
                 CHECK(enter_mode(scene.sim, Mode::velocity));
                 scene.sim.run_for(0.05);  // at full torque
                 CHECK(scene.true_torque_Nm() > 3);
-                scene.sim.host().external_poses(false);
-                scene.sim.host().silence();
+                scene.sim.host().vanish();
                 hal::CanFrame first;
                 first.length = 8;
                 if (line) scene.sim.emergency_stop().set(hal::LineLevel::active);
@@ -406,6 +405,22 @@ TEST(ChainBuses, a_stall_of_the_firmwares_computer_is_called_an_overrun) {
             scene.sim.host().clear_fault();
             scene.sim.run_for(0.5);
             scene.cruise(0.3 * layout.way);
+        }
+    });
+}
+
+// A host that enters a mode and dies before its first set-point leaves no robot armed.
+TEST(ChainBuses, a_mode_without_a_set_point_yet_ends_with_its_host) {
+    for_each_layout([&](const Layout& layout) {
+        for (const Mode mode : {Mode::torque, Mode::velocity, Mode::pose}) {
+            Scene scene(layout);
+            CHECK(enter_mode(scene.sim, mode));
+            scene.sim.run_for(1);
+            const std::string text = layout.name() + ", mode " + std::to_string(int(mode));
+            CHECK_TEXT(scene.sim.cycle().supervisor().mode() == mode, text.c_str());
+            scene.sim.host().vanish();
+            scene.sim.run_for(identified().safety.host_timeout_s + 0.005);
+            CHECK_TEXT(scene.fault() == Fault::stale_command, text.c_str());
         }
     });
 }

@@ -72,7 +72,8 @@ class Commands(unittest.TestCase):
         # As when the firmware, or the robot's power, has come up just before.
         self.rig.robot.send_signal(signal.SIGSTOP)
         self.rig.until_status(lambda s: "silent" in (s["DriveLeft"], s["DriveRight"]), "a drive is silent")
-        with subprocess.Popen([rig.wheelwright(), "ctl", "--can", "vcan0", "mode", "torque"], stdout=subprocess.PIPE,
+        with subprocess.Popen([rig.wheelwright(), "ctl", "--can", "vcan0", "mode", "torque", "--for", "0.1"],
+                              stdout=subprocess.PIPE,
                               stderr=subprocess.STDOUT, text=True) as ctl:
             self.rig.until_status(lambda s: s["Blocker"] == "drives_not_armed", "it is refused")
             self.rig.robot.send_signal(signal.SIGCONT)
@@ -87,7 +88,8 @@ class Commands(unittest.TestCase):
             self.rig.until(lambda: time.time() > self.rig.host.of("ModeCommand")[-1][0] + 0.55, "half a second later")
             before = counters(self.rig, time.time())["RejectedAlive"]
             subprocess.run(["cansend", "vcan0", f"601#{rig.DBC.sealed('ModeCommand', alive, Mode='idle').hex()}"], check=True)
-            ctl = subprocess.run([rig.wheelwright(), "ctl", "--can", "vcan0", "--alive", str(alive), "mode", "torque"],
+            ctl = subprocess.run([rig.wheelwright(), "ctl", "--can", "vcan0", "--alive", str(alive), "mode", "torque",
+                                  "--for", "0.1"],
                                  capture_output=True, text=True, check=False)
             self.assertEqual(ctl.returncode, 0, ctl.stderr)
             if counters(self.rig, time.time())["RejectedAlive"] > before:
@@ -98,6 +100,7 @@ class Commands(unittest.TestCase):
         self.assertLess(self.rig.memory_MB(), 9)  # three stacks of 512 kB would be seen; 8 MB are wanted
 
     def test_bad_frames_are_refused_counted_by_cause_and_change_nothing(self):
+        there = self.rig.popen([rig.wheelwright(), "ctl", "--can", "vcan0", "alive"], "alive.txt")
         self.rig.mode("torque")  # so that a wrong mode, torque or stop would show
         began = time.time()
         before = counters(self.rig, began)
@@ -172,6 +175,8 @@ class Commands(unittest.TestCase):
         self.assertEqual({(w["LeftTorque"], w["RightTorque"]) for w in wheels}, {(0.0, 0.0)})
         self.assertTrue(self.rig.at_rest())
         self.rig.mode("idle")
+        there.send_signal(signal.SIGINT)
+        self.assertEqual(there.wait(rig.LONG), 0)
 
     def test_a_repeated_counter_is_refused_while_it_is_remembered(self):
         data = lambda alive: rig.DBC.sealed("ModeCommand", alive, Mode="idle").hex().upper()
@@ -311,9 +316,8 @@ class Key(unittest.TestCase):
         self.assertIn("the answer was refused: is this key the robot's?", said)
         self.assertEqual({s["State"] for s in (rig.DBC.decode(number_of("Status"), data)
                                                for _, data in robot.host.of("Status"))} - {"boot"}, {"idle"})
-        self.assertEqual(ctl("--key", ours, "mode", "torque"), (0, "state torque\n"))
+        self.assertEqual(ctl("--key", ours, "mode", "torque", "--for", "0.1"), (0, "state torque\n"))
         recorded = bytearray(robot.host.of("ArmingAnswer")[-1][1])
-        robot.mode("idle")  # needs no key
 
         # What armed it, once more, sealed anew, where a new challenge waits for its answer.
         asked = time.time()

@@ -151,7 +151,7 @@ class OnVcan(unittest.TestCase):
         self.addCleanup(self.firmware.end)
 
     def test_modes_are_entered_or_the_refusal_is_named(self):
-        self.assertEqual(run("ctl", "--can", "vcan0", "mode", "velocity"), (0, "state velocity\n", ""))
+        self.assertEqual(run("ctl", "--can", "vcan0", "mode", "velocity", "--for", "0.3"), (0, "state velocity\n", ""))
         status, _, err = run("ctl", "--can", "vcan0", "mode", "adaptive")
         self.assertEqual(status, 3)
         self.assertIn("blocked by model_not_trusted", err)
@@ -366,17 +366,19 @@ class OnVcan(unittest.TestCase):
         self.assertEqual(run("ctl", "--can", "vcan0", "--no-wait", "mode", "ident"), (0, "", ""))
         self.assertLess(time.monotonic(), began + 5)
 
-    def test_a_robot_that_drives_alone_is_watched_over_until_ctrl_c_or_the_time_is_over(self):
-        call = [PROGRAM, "ctl", "--can", "vcan0", "mode", "trajectory"]
-        process = subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
-        said = self.firmware.of("HostAlive", 4)
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=10)
-        self.assertEqual((process.returncode, out), (0, "state trajectory\n"))
-        self.assertTrue(all(0.05 < b[0] - a[0] < 0.35 for a, b in zip(said, said[1:])), said)
-        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 2)], [6, 1])
-        self.assertEqual(run(*call[1:], "--for", "0.5")[0], 0)
-        self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 4)][2:], [6, 1])
+    def test_a_robot_that_drives_is_watched_over_until_ctrl_c_or_the_time_is_over(self):
+        for number, mode in ((5, "pose"), (6, "trajectory")):
+            del self.firmware.received[:]
+            call = [PROGRAM, "ctl", "--can", "vcan0", "mode", mode]
+            process = subprocess.Popen(call, stdout=subprocess.PIPE, text=True)
+            said = self.firmware.of("HostAlive", 4)
+            process.send_signal(signal.SIGINT)
+            out, _ = process.communicate(timeout=10)
+            self.assertEqual((process.returncode, out), (0, f"state {mode}\n"))
+            self.assertTrue(all(0.05 < b[0] - a[0] < 0.35 for a, b in zip(said, said[1:])), said)
+            self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 2)], [number, 1])
+            self.assertEqual(run(*call[1:], "--for", "0.5")[0], 0)
+            self.assertEqual([data[2] for _, data in self.firmware.of("ModeCommand", 4)][2:], [number, 1])
         self.assertEqual(run("ctl", "--can", "vcan0", "trajectory", "circle", "--enter", "--for", "0.5")[0], 0)
         self.assertEqual(run("ctl", "--can", "vcan0", "alive", "--for", "0.3")[0], 0)
 

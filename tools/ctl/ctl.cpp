@@ -138,18 +138,11 @@ int await_rest(Link& link) {
                                     " s ago, and the robot is not idle yet");
 }
 
-// Modes that drive without set-points, as long as somebody is there.
-bool drives_alone(protocol::Mode mode) {
-    return mode == protocol::Mode::ident || mode == protocol::Mode::trajectory ||
-           mode == protocol::Mode::adaptive;
-}
-
 std::int64_t end_of(const Options& options) {
     return options.for_s > 0 ? can_now_ns() + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
 }
 
-// The robot drives a path of its own: says that somebody is there until --for is over, Ctrl-C, or the robot
-// has left the mode; then asks for idle.
+// Says that somebody is there until --for is over, Ctrl-C, or the robot has left the mode; then asks for idle.
 int watch_over(Link& link, protocol::Mode mode, std::int64_t end_ns) {
     ModeWatch watch(mode, can_now_ns());
     do {  // some Status is heard in any case
@@ -171,9 +164,9 @@ int send_mode(const Options& options, protocol::Mode mode) {
     link.forget_received();
     if (const int status = link.ask(mode); status != kDone) return status;
     if (options.no_wait) link.prove();
-    if (drives_alone(mode)) link.stay_alive();
+    if (supervisor::drives(mode)) link.stay_alive();
     int result = options.no_wait ? kDone : await_state(link, mode);
-    if (!options.no_wait && drives_alone(mode) && (result == kDone || interrupted())) {
+    if (!options.no_wait && supervisor::drives(mode) && (result == kDone || interrupted())) {
         result = mode == protocol::Mode::ident ? await_identification(link)
                                                : watch_over(link, mode, end_of(options));
     }
@@ -203,7 +196,7 @@ int send_commands(const Options& options, const std::vector<Command>& commands,
         return print_frames(options, all);
     }
     // A path of the firmware's own is chosen once; with --enter it is watched over.
-    const bool alone = !repeat_by_default && options.enter && mode.has_value() && drives_alone(*mode);
+    const bool alone = !repeat_by_default && options.enter && mode.has_value() && supervisor::drives(*mode);
     const bool repeat = !alone && (repeat_by_default || options.for_s > 0);
     double period_s = commands.front().period_s;
     if (options.rate_Hz > 0) period_s = 1 / options.rate_Hz;
@@ -325,7 +318,7 @@ CommandLine subcommand(const CommandLine& parent, const char* name, const char* 
 void add_mode(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto name = std::make_shared<std::string>();
     const CommandLine command =
-        subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it; ident: until it is over");
+        subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it; in one that drives, stay (HostAlive) until it is over");
     command.add_option("MODE", *name, "One of " + names_of(modes())).required();
     command.footer(
         "Mode ident ends by itself: progress is shown, then what was found; Ctrl-C sends idle.\n"

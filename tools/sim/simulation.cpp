@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "firmware/protocol/command_guard.hpp"
+#include "firmware/supervisor/modes.hpp"
 #include "firmware/task/build_identity.hpp"
 #include "hal/linux/monotonic_clock.hpp"
 #include "hal/linux/socketcan_bus.hpp"
@@ -68,8 +69,7 @@ void SimulatedHost::mode(protocol::Mode mode) {
     protocol::ModeCommand command;
     command.mode = mode;
     send(command);
-    watches_ = mode == protocol::Mode::ident || mode == protocol::Mode::trajectory ||
-               mode == protocol::Mode::adaptive;
+    watches_ = supervisor::drives(mode);
 }
 
 void SimulatedHost::clear_fault() { send(protocol::ClearFault{}); }

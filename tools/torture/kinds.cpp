@@ -41,11 +41,11 @@ double command_timeout(const Scene& s) {
                                                           : protocol::VelocityCommand::cycle_time_ms;
     return 1e-3 * period_ms * s.setup().believed.safety.stale_command_cycles + kCycle_s + way(s);
 }
-// Where the host need only be there, it may last have been heard just then.
+// Where no set-point has begun to come (a first goal may be on its way), the host need only be there, and may
+// last have been heard just then.
 double host_timeout(const Scene& s) {
-    const bool alone = s.setup().mode == Mode::ident || s.setup().mode == Mode::trajectory ||
-                       s.setup().mode == Mode::adaptive;
-    return alone ? s.setup().believed.safety.host_timeout_s + kCycle_s + way(s) : command_timeout(s);
+    if (s.setup().mode == Mode::torque || s.setup().mode == Mode::velocity) return command_timeout(s);
+    return std::max(command_timeout(s), s.setup().believed.safety.host_timeout_s + kCycle_s + way(s));
 }
 double deaf_watchdog(const Scene& s) {
     return watchdogs(s) + 1e-3 * s.setup().truth.drive.heartbeat_period_ms + 2 * kCycle_s;
