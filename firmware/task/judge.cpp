@@ -87,7 +87,12 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     };
     follow(slow_wheels_.left, motion.wheel_speed_rad_per_s.left, evidence.wheel_radius_m.left);
     follow(slow_wheels_.right, motion.wheel_speed_rad_per_s.right, evidence.wheel_radius_m.right);
-    c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s);
+    const WheelPair<Real>& torque_Nm = evidence.seen.last_torque_Nm;
+    const bool pushed = torque_Nm.left != 0 || torque_Nm.right != 0;
+    unpushed_cycles_ = pushed ? 0 : std::min(unpushed_cycles_ + 1, kSlowCycles);
+    c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s) ||
+               (unpushed_cycles_ < kSlowCycles &&
+                !rims_within(motion.wheel_speed_rad_per_s, safety.clear_speed_m_per_s));
     const bool stands = evidence.braking && rims_within(motion.wheel_speed_rad_per_s,
                                                         kStandingShare * safety.clear_speed_m_per_s);
     resting_cycles_ = stands ? resting_cycles_ + 1 : 0;

@@ -74,6 +74,10 @@ class Judge {
     WheelPair<Real> slow_wheels_;  // speeds, averaged
     bool encoders_over_speed_ = false;
     int resting_cycles_ = 0;
+    // Until so long after a torque the averaged speeds may not know yet of what it has begun: those of now
+    // count as well.
+    static constexpr int kSlowCycles = 100;
+    int unpushed_cycles_ = kSlowCycles;
 };
 
 }  // namespace wheelwright::task

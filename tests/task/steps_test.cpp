@@ -403,6 +403,16 @@ TEST(CycleSteps, judge_calls_moving_what_goes_on_and_not_what_trembles) {
             CHECK(moving_after(1));
             speed = 0;
             CHECK_FALSE(moving_after(1));  // as soon as the speed is a number again
+            // What a torque has begun is known at once, a tenth of a second long.
+            scene.seen.last_torque_Nm.*side = 0.1 * way;
+            CHECK_FALSE(moving_after(1));
+            speed = 1.1 * way * limit_rad_per_s;
+            CHECK(moving_after(1));
+            scene.seen.last_torque_Nm = {};
+            speed = 0;
+            CHECK_FALSE(moving_after(99));
+            speed = 1.1 * way * limit_rad_per_s;
+            CHECK_FALSE(moving_after(1));
         }
     }
 }
