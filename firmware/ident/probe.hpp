@@ -6,6 +6,8 @@
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
 //   turning    the same in place: rough K7 and K8, friction, how the wheels act on each other, and what
 //              speed does (speed_witness.hpp)
+//   brisk      where that does not tell whether one wheel goes backwards: forward and turning once more, as
+//              fast as may be
 //   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
@@ -167,10 +169,13 @@ class Probe {
     static constexpr double kSpeedShare = 0.3;   // of the speed limit
     static constexpr double kEitherShare = 0.5;  // of what holds in either reading: what a speed that is seen
                                                  // late goes beyond it is less than as much again
-    static constexpr int kQuickCycles = 3;       // by the noise of a speed, seldom that many in a row
-    static constexpr double kRoomShare = 0.06;   // of the room, for one push
-    static constexpr double kMoved_rad = 0.012;  // two steps of the coarsest encoder, 1000 counts a turn
-    static constexpr double kNoises = 8;         // and of the noise
+    static constexpr double kBriskShare = 0.9;   // of the same, where that is reckoned with,
+    static constexpr double kWorthBrisk = 1.25;  // and is more than that: speed's share goes with its square
+    static constexpr double kLongestDelay_s = 0.006;
+    static constexpr int kQuickCycles = 3;         // by the noise of a speed, seldom that many in a row
+    static constexpr double kRoomShare = 0.06;     // of the room, for one push
+    static constexpr double kMoved_rad = 0.012;    // two steps of the coarsest encoder, 1000 counts a turn
+    static constexpr double kNoises = 8;           // and of the noise
     static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
     static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
     static constexpr double kUnclipped = 0.97;     // of what was asked
@@ -204,8 +209,19 @@ class Probe {
         return found_.signs_known() ? limits.v_m_per_s
                                     : within_either(limits, options_.geometry.track_m / 2).v_m_per_s;
     }
-    double fast_m_per_s() const {
+    double fast_m_per_s() const { return std::max(gently_m_per_s(), brisk_m_per_s_); }
+    double gently_m_per_s() const {
         return std::min(kSpeedShare * options_.speed_limit_m_per_s, kEitherShare * rim_limit_m_per_s());
+    }
+    // As the answers to pushes are known: what is seen late still stays within.
+    double briskly_m_per_s() const {
+        const auto quickest = [](const WheelPair<double>& by_Nm) {
+            return std::max(std::abs(by_Nm.left), std::abs(by_Nm.right));
+        };
+        const double late_s = (kSpeedSpan / 2.0 + kQuickCycles) * options_.sample_time_s + kLongestDelay_s;
+        return kBriskShare * rim_limit_m_per_s() -
+               late_s * push_Nm_ *
+                   (quickest(found_.pushed_m_per_s2_Nm) + quickest(found_.dragged_m_per_s2_Nm));
     }
 
     void go(Stage stage) {
@@ -338,12 +354,14 @@ class Probe {
         const Stage next = next_;
         if (next == Stage::forward) {
             if (!(found_.breakaway_Nm.left > 0)) return end(IdentCause::left_wheel_does_not_turn);
-            if (stage_before_ != Stage::forward) sides_.halt(0, angle_);  // all pushes count
+            if (stage_before_ != Stage::forward) sides_.halt(0, angle_);  // all pushes count; but brisk ones
         }
         if (next == Stage::turning && stage_before_ == Stage::forward) sides_.halt(1, angle_);
         if (next == Stage::pulses && level_Nm_ == 0) {
             sides_.halt(2, angle_);
-            if (judge_coupling() || judge_sides() || judge_answers()) return;
+            if (brisk_m_per_s_ > 0 ? judge_sides() : judge_coupling() || judge_sides() || judge_answers())
+                return;
+            if (go_briskly()) return;
         }
         if (next == Stage::done) return end(IdentCause::none);
         if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {
@@ -369,6 +387,22 @@ class Probe {
     }
     static double brake_Nm(double breakaway_Nm, double speed, double slow) {
         return breakaway_Nm * std::clamp(speed / (2 * slow), -1.0, 1.0);
+    }
+
+    bool go_briskly() {
+        if (found_.signs_known() || sides_.poses_come() || brisk_m_per_s_ > 0) return false;
+        const double brisk = briskly_m_per_s();
+        if (!(brisk > kWorthBrisk * gently_m_per_s())) return false;
+        brisk_m_per_s_ = brisk;
+        slow_witness_ = speed_witness_;
+        speed_witness_ = {};
+        stage_before_ = Stage::done;
+        rest_then(Stage::forward);
+        return true;
+    }
+    Mirror judge_mirror() const {
+        return brisk_m_per_s_ > 0 ? speed_witness_.judge_mirror(slow_witness_)
+                                  : speed_witness_.judge_mirror();
     }
 
     // Well above friction, well below what is fast.
@@ -492,7 +526,7 @@ class Probe {
         if (unlike_by_noise()) return true;
         if (sides_.poses_come()) return pushes_ < kFewestPushes || !sides_.would_tell(stage_way(), turning);
         return pushes_ < kFewestEitherWay || answers_unlike() ||
-               (turning && speed_witness_.judge_mirror() == Mirror::unknown);
+               (turning && judge_mirror() == Mirror::unknown);
     }
     // One wheel answers so much more than the other that it may be in the air.
     bool answers_unlike() const {
@@ -553,7 +587,7 @@ class Probe {
         IdentCause wrong = sides_.judge();
         found_.pose_seen = sides_.confirmed();
         if (!found_.pose_seen) {
-            const Mirror seen = speed_witness_.judge_mirror();
+            const Mirror seen = judge_mirror();
             found_.signs_agree = seen == Mirror::as_filed;
             if (wrong == IdentCause::none && seen == Mirror::mirrored) wrong = IdentCause::one_sign_wrong;
         }
@@ -720,7 +754,8 @@ class Probe {
     double first_answer_ = 0;  // to those at the torque that was to be tried
     TorqueReports reports_;
     SideWitness sides_;
-    SpeedWitness speed_witness_;
+    SpeedWitness speed_witness_, slow_witness_;
+    double brisk_m_per_s_ = 0;
 };
 
 }  // namespace wheelwright::ident

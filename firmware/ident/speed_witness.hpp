@@ -49,27 +49,30 @@ class SpeedWitness {
     // Both wheels are. False tells nothing.
     bool on_floor() const {
         const Patterns seen = patterns();
-        return std::max(seen.filed, seen.mirrored) > kSureOfFloor * seen.error;
+        return std::max(std::abs(seen.filed), std::abs(seen.mirrored)) > kSureOfFloor * seen.error;
     }
 
     // unknown until each wheel has been pushed twice in each direction, straight on and turning.
-    Mirror judge_mirror() const {
-        const Patterns seen = patterns();
-        const double sure = kSure * seen.error;
-        if (seen.filed > std::max(sure, kClear * seen.mirrored)) return Mirror::as_filed;
-        const double unlike = kUnlikeTurns * (friction_m_per_s2() + scrub_m_per_s2());
-        return seen.mirrored > std::max({sure, kClear * seen.filed, unlike}) ? Mirror::mirrored
-                                                                             : Mirror::unknown;
+    Mirror judge_mirror() const { return judge(patterns()); }
+    // With pushes of the same robot that were slower: what both see alike is not speed's, but dry friction's.
+    Mirror judge_mirror(const SpeedWitness& slower) const {
+        const Mirror alone = judge_mirror();
+        if (alone != Mirror::unknown) return alone;
+        const Patterns now = patterns(), before = slower.patterns();
+        return judge({now.filed - before.filed, now.mirrored - before.mirrored,
+                      std::sqrt(now.error * now.error + before.error * before.error),
+                      now.friction - before.friction, now.scrub - before.scrub});
     }
 
   private:
-    // Standard errors: by two pushes in each of eight cells once in 10^5.
-    static constexpr double kSure = 10;
+    // Standard errors: once in 10^5, by two pushes in each of eight cells, and by four in those of the turns.
+    static constexpr double kSure = 10, kSureByFour = 7.5;
     static constexpr double kSureOfFloor = 6;  // by four pushes in each, as of wheels that answer unlike
     // Wheels that answer unlike show in the other pattern too: half as much where one does three times as
     // much as the other.
     static constexpr double kClear = 2;
-    // Of what slows a turn, by so much less one way round than the other it looks like a wrong sign.
+    // Of what slows a turn, by so much less one way round than the other it looks like a wrong sign; and
+    // where one is wrong, what the file calls straight on is the turn, and it looks like none.
     static constexpr double kUnlikeTurns = 0.05;
 
     struct Value {
@@ -81,11 +84,27 @@ class SpeedWitness {
     }
     struct Patterns {
         double filed, mirrored, error;
+        double friction, scrub;  // what slows straight on, and a turn more than that
     };
+    Mirror judge(const Patterns& seen) const {
+        const double filed = std::abs(seen.filed), mirrored = std::abs(seen.mirrored);
+        const double sure = (by_four() ? kSureByFour : kSure) * seen.error;
+        const double turns = kUnlikeTurns * (seen.friction + std::max(seen.scrub, 0.0));
+        // the scrub's error is half of a pattern's
+        const bool straight_is_slower = seen.scrub < -sure / 2;
+        const double straight = straight_is_slower ? kUnlikeTurns * seen.friction : 0;
+        if (filed > std::max({sure, kClear * mirrored, straight})) return Mirror::as_filed;
+        return mirrored > std::max({sure, kClear * filed, turns}) ? Mirror::mirrored : Mirror::unknown;
+    }
+    bool by_four() const {
+        const auto& [left, right] = means_[1];
+        return std::min({left[0].count(), left[1].count(), right[0].count(), right[1].count()}) >= 4;
+    }
     Patterns patterns() const {
         const Value left = more_in_turn(0), right = more_in_turn(1);
-        return {std::abs(left.value + right.value), std::abs(left.value - right.value),
-                std::sqrt(left.error * left.error + right.error * right.error)};
+        return {left.value + right.value, left.value - right.value,
+                std::sqrt(left.error * left.error + right.error * right.error), friction_m_per_s2(),
+                scrub_m_per_s2()};
     }
     // Of both directions.
     Value more_in_turn(std::size_t wheel) const {
@@ -94,11 +113,10 @@ class SpeedWitness {
             for (const Mean& direction : motion[wheel]) variance += direction.error() * direction.error();
         return {(more_in_turn(wheel, false) + more_in_turn(wheel, true)) / 2, std::sqrt(variance) / 2};
     }
-    // What slows the rims in a turn more than straight on; nothing where a turn runs more freely.
     double scrub_m_per_s2() const {
         double sum = 0;
         for (const std::size_t wheel : {0, 1}) sum += more_in_turn(wheel, false) - more_in_turn(wheel, true);
-        return std::max(sum / 4, 0.0);
+        return sum / 4;
     }
 
     std::array<std::array<std::array<Mean, 2>, 2>, 2> means_{};  // straight on, turning; wheel; back, forward

@@ -74,27 +74,26 @@ supervisor::Conditions Judge::judge(const Evidence& evidence) {
     }
     // Written so that what is no number counts as dangerous.
     c.over_speed = beyond_speed_limits(motion.twist, 0) || encoders_over_speed_;
-    const auto rims_within = [&radius = evidence.wheel_radius_m](const WheelPair<Real>& speed_rad_per_s,
-                                                                 double limit_m_per_s) {
-        return std::abs(radius.left * speed_rad_per_s.left) <= limit_m_per_s &&
-               std::abs(radius.right * speed_rad_per_s.right) <= limit_m_per_s;
+    const WheelPair<Real>& radius_m = evidence.wheel_radius_m;
+    const WheelPair<Real> rims_m_per_s{radius_m.left * motion.wheel_speed_rad_per_s.left,
+                                       radius_m.right * motion.wheel_speed_rad_per_s.right};
+    const auto within = [](const WheelPair<Real>& rims, double limit_m_per_s) {
+        return std::abs(rims.left) <= limit_m_per_s && std::abs(rims.right) <= limit_m_per_s;
     };
     // the encoders' noise at rest, which has no mean, is no motion
-    const auto follow = [&safety](Real& slow, Real speed_rad_per_s, double radius_m) {
-        const Real most = Real(kQuickShare * safety.clear_speed_m_per_s / radius_m);
-        slow += kSlowGain * (std::clamp(speed_rad_per_s, -most, most) - slow);
-        if (!std::isfinite(slow)) slow = speed_rad_per_s;  // as long as the observer is
+    const Real quick_m_per_s = Real(kQuickShare * safety.clear_speed_m_per_s);
+    const auto follow = [quick_m_per_s](Real& slow, Real rim_m_per_s) {
+        slow += kSlowGain * (std::clamp(rim_m_per_s, -quick_m_per_s, quick_m_per_s) - slow);
+        if (!std::isfinite(slow)) slow = rim_m_per_s;  // as long as the observer is
     };
-    follow(slow_wheels_.left, motion.wheel_speed_rad_per_s.left, evidence.wheel_radius_m.left);
-    follow(slow_wheels_.right, motion.wheel_speed_rad_per_s.right, evidence.wheel_radius_m.right);
+    follow(slow_rims_m_per_s_.left, rims_m_per_s.left);
+    follow(slow_rims_m_per_s_.right, rims_m_per_s.right);
     const WheelPair<Real>& torque_Nm = evidence.seen.last_torque_Nm;
     const bool pushed = torque_Nm.left != 0 || torque_Nm.right != 0;
     unpushed_cycles_ = pushed ? 0 : std::min(unpushed_cycles_ + 1, kSlowCycles);
-    c.moving = !rims_within(slow_wheels_, safety.clear_speed_m_per_s) ||
-               (unpushed_cycles_ < kSlowCycles &&
-                !rims_within(motion.wheel_speed_rad_per_s, safety.clear_speed_m_per_s));
-    const bool stands = evidence.braking && rims_within(motion.wheel_speed_rad_per_s,
-                                                        kStandingShare * safety.clear_speed_m_per_s);
+    c.moving = !within(slow_rims_m_per_s_, safety.clear_speed_m_per_s) ||
+               (unpushed_cycles_ < kSlowCycles && !within(rims_m_per_s, safety.clear_speed_m_per_s));
+    const bool stands = evidence.braking && within(rims_m_per_s, kStandingShare * safety.clear_speed_m_per_s);
     resting_cycles_ = stands ? resting_cycles_ + 1 : 0;
     c.rolling = resting_cycles_ < kStandingCycles;
     const auto& k = parameters_.dynamics;

@@ -71,7 +71,7 @@ class Judge {
     bool effects_measured_ = false;
     std::uint32_t foreign_control_ = 0;
     std::uint32_t stale_feedback_cycles_ = 0;
-    WheelPair<Real> slow_wheels_;  // speeds, averaged
+    WheelPair<Real> slow_rims_m_per_s_;  // averaged
     bool encoders_over_speed_ = false;
     int resting_cycles_ = 0;
     // Until so long after a torque the averaged speeds may not know yet of what it has begun: those of now

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
 #include <numeric>
 #include <random>
 
@@ -202,15 +203,16 @@ struct Pushed {
     double slope_m_per_s2 = 0;
     double spread = 1e-4;  // of the pushes' means
     int rounds = 2;
+    double end_m_per_s = 0.25;  // of a push; the square of the speed is a third of that's
+    int seed = 5;
 
     ident::SpeedWitness witness() const {
         constexpr double h = kTrack_m / 2, k7 = 0.4, k8 = 1.9;
         const double k6_per_m = -k5_m * k8 / (h * k7);
         constexpr std::array<std::array<double, 2>, 2> kFriction{
-            {{0.30, 0.36}, {0.41, 0.33}}};     // back, forward
-        constexpr double kEnd_m_per_s = 0.25;  // of a push; the square of the speed is a third of that's
+            {{0.30, 0.36}, {0.41, 0.33}}};  // back, forward
         ident::SpeedWitness seen;
-        std::mt19937 random(5);
+        std::mt19937 random(static_cast<unsigned>(seed));
         std::normal_distribution<double> noise(0, spread);
         for (int push = 0; push < 2 * rounds; ++push)
             for (const bool turning : {false, true}) {
@@ -219,7 +221,7 @@ struct Pushed {
                 const WheelPair<double> by_file{sense * (turning ? -1 : 1), sense * weak_right};
                 const WheelPair<double> rim{left * by_file.left, right * by_file.right};
                 const double v = (rim.left + rim.right) / 2, omega = (rim.right - rim.left) / (2 * h);
-                const double square = kEnd_m_per_s * kEnd_m_per_s / 3;
+                const double square = end_m_per_s * end_m_per_s / 3;
                 const double scrub = omega > 0 ? scrub_m_per_s2 : scrub_back * scrub_m_per_s2;
                 const double dv = k5_m * omega * omega * square + slope_m_per_s2;
                 const double turn = h * k6_per_m * v * omega * square -
@@ -277,6 +279,64 @@ TEST(ProbeParts, friction_scrub_and_a_wheel_in_the_air_are_not_taken_for_what_sp
     CHECK_FALSE(once.on_floor());
     CHECK(ident::SpeedWitness{}.judge_mirror() == Mirror::unknown);
     DOUBLES_EQUAL(0, ident::SpeedWitness{}.friction_m_per_s2(), 0);
+}
+
+// What hides in scrub that is unlike, each way round, does not grow with speed; what speed does, does.
+TEST(ProbeParts, brisk_pushes_tell_one_wrong_sign_from_unlike_scrub) {
+    using ident::Mirror;
+    const auto pushed = [](double k5_m, double end_m_per_s, double spread, double scrub_m_per_s2,
+                           double scrub_back) {
+        return Pushed{.k5_m = k5_m,
+                      .left = -1,
+                      .scrub_m_per_s2 = scrub_m_per_s2,
+                      .scrub_back = scrub_back,
+                      .spread = spread,
+                      .end_m_per_s = end_m_per_s}
+            .witness();
+    };
+    for (const double k5_m : {0.003, -0.003, 0.0}) {
+        const Mirror told = k5_m == 0 ? Mirror::unknown : Mirror::mirrored;
+        const ident::SpeedWitness slow = pushed(k5_m, 0.25, 1e-4, 0.2, 0.9);
+        const ident::SpeedWitness brisk = pushed(k5_m, 0.75, 1e-4, 0.2, 0.9);
+        CHECK(slow.judge_mirror() == Mirror::unknown);
+        CHECK(brisk.judge_mirror() == Mirror::unknown);
+        CHECK(brisk.judge_mirror(slow) == told);
+        // not where noise hides the slower ones, nor where either is not there
+        const ident::SpeedWitness noisy = pushed(k5_m, 0.25, 0.02, 0.2, 0.9);
+        CHECK(brisk.judge_mirror(noisy) == Mirror::unknown);
+        CHECK(brisk.judge_mirror({}) == Mirror::unknown);
+        CHECK(ident::SpeedWitness{}.judge_mirror(slow) == Mirror::unknown);
+        CHECK(pushed(k5_m, 0.9, 1e-4, 0.2, 1).judge_mirror(noisy) == told);  // brisk ones alone show it
+    }
+    // a scrub that grows with speed, unlike by a fiftieth
+    CHECK(pushed(0, 0.75, 1e-4, 0.6, 1.02).judge_mirror(pushed(0, 0.25, 1e-4, 0.2, 1)) == Mirror::unknown);
+    Pushed as_filed{.k5_m = 0.003, .spread = 0.0002};
+    const ident::SpeedWitness slow = as_filed.witness();
+    as_filed.end_m_per_s = 0.75;
+    CHECK(as_filed.witness().judge_mirror(slow) == Mirror::as_filed);
+}
+
+// Of noise the more pushes there are the less is taken for more than it is.
+TEST(ProbeParts, four_pushes_in_each_direction_need_not_stand_out_as_far_as_two) {
+    using ident::Mirror;
+    int told_by_two = 0, told_by_four = 0, wrong = 0;
+    for (int seed = 0; seed < 4000; ++seed) {
+        const auto judged = [&](double k5_m, int rounds) {
+            const Pushed robot{.k5_m = k5_m,
+                               .left = -1,
+                               .scrub_m_per_s2 = 0,
+                               .spread = 0.01,
+                               .rounds = rounds,
+                               .seed = seed};
+            return robot.witness().judge_mirror();
+        };
+        told_by_two += judged(0.12, 2) == Mirror::mirrored ? 1 : 0;
+        told_by_four += judged(0.12, 4) == Mirror::mirrored ? 1 : 0;
+        wrong += judged(0, 4) != Mirror::unknown ? 1 : 0;
+    }
+    std::printf("  of 4000: %d by two, %d by four; wrong %d\n", told_by_two, told_by_four, wrong);
+    CHECK(told_by_four > 2 * told_by_two);
+    CHECK_EQUAL(0, wrong);
 }
 
 namespace {

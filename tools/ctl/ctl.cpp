@@ -142,7 +142,8 @@ std::int64_t end_of(const Options& options) {
     return options.for_s > 0 ? can_now_ns() + static_cast<std::int64_t>(options.for_s * 1e9) : INT64_MAX;
 }
 
-// Says that somebody is there until --for is over, Ctrl-C, or the robot has left the mode; then asks for idle.
+// Says that somebody is there until --for is over, Ctrl-C, or the robot has left the mode; then asks for
+// idle.
 int watch_over(Link& link, protocol::Mode mode, std::int64_t end_ns) {
     ModeWatch watch(mode, can_now_ns());
     do {  // some Status is heard in any case
@@ -317,8 +318,9 @@ CommandLine subcommand(const CommandLine& parent, const char* name, const char* 
 
 void add_mode(const CommandLine& ctl, const Shared& options, Run& run) {
     const auto name = std::make_shared<std::string>();
-    const CommandLine command =
-        subcommand(ctl, "mode", "Ask for a mode and wait until the robot is in it; in one that drives, stay (HostAlive) until it is over");
+    const CommandLine command = subcommand(ctl, "mode",
+                                           "Ask for a mode and wait until the robot is in it; in one that "
+                                           "drives, stay (HostAlive) until it is over");
     command.add_option("MODE", *name, "One of " + names_of(modes())).required();
     command.footer(
         "Mode ident ends by itself: progress is shown, then what was found; Ctrl-C sends idle.\n"

@@ -26,8 +26,8 @@ constexpr double kWaiting_s = 16 * 0.000163 + 24 * kFrame_s;
 
 // ---- bounds
 double two_cycles(const Scene&) { return 2 * kCycle_s; }
-// Before the zeros a telemetry frame may stand in the firmware's queue, which goes behind what hosts have sent
-// within that cycle: a mode and a set-point, of the storm and of the robot's own host.
+// Before the zeros a telemetry frame may stand in the firmware's queue, which goes behind what hosts have
+// sent within that cycle: a mode and a set-point, of the storm and of the robot's own host.
 double two_cycles_in_a_storm(const Scene& s) {
     return two_cycles(s) + (s.setup().separate_host_bus ? 0 : 5 * kFrame_s);
 }
