@@ -380,7 +380,7 @@ class DynamicsEstimator {
                 equation.level[less_torque_ ? 1U : 0U].push(phi[kTorque], weight * innovation);
         }
         if (equation.noise.rows == NoisePower::kMemory) believe_slow(equation);
-        equation.run_residual += innovation;
+        equation.run_residual += normal;  // what parameters not yet known mispredict is nothing missing
         equation.run_motion += y;
         if (++equation.run == kRunRows) {
             if (estimate_.rows > kRowsToJudge / 2) {
