@@ -6,8 +6,8 @@
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
 //   turning    the same in place: rough K7 and K8, friction, how the wheels act on each other, and what
 //              speed does (speed_witness.hpp)
-//   brisk      where that does not tell whether one wheel goes backwards: forward and turning once more, as
-//              fast as may be
+//   brisk      where that does not tell whether one wheel goes backwards, or whether one that seems to be
+//              alone is on the floor: forward and turning once more, as fast as may be
 //   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a
@@ -359,9 +359,8 @@ class Probe {
         if (next == Stage::turning && stage_before_ == Stage::forward) sides_.halt(1, angle_);
         if (next == Stage::pulses && level_Nm_ == 0) {
             sides_.halt(2, angle_);
-            if (brisk_m_per_s_ > 0 ? judge_sides() : judge_coupling() || judge_sides() || judge_answers())
-                return;
-            if (go_briskly()) return;
+            if (judge_coupling() || judge_sides() || judge_answers()) return;
+            if (!found_.signs_known() && go_briskly()) return;
         }
         if (next == Stage::done) return end(IdentCause::none);
         if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {
@@ -390,7 +389,7 @@ class Probe {
     }
 
     bool go_briskly() {
-        if (found_.signs_known() || sides_.poses_come() || brisk_m_per_s_ > 0) return false;
+        if (sides_.poses_come() || brisk_m_per_s_ > 0) return false;
         const double brisk = briskly_m_per_s();
         if (!(brisk > kWorthBrisk * gently_m_per_s())) return false;
         brisk_m_per_s_ = brisk;
@@ -558,8 +557,12 @@ class Probe {
         const IdentCause fault =
             wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
                              !found_.on_floor && (pushed_well_ || ran_free_ != IdentCause::none));
-        if (fault != IdentCause::none) end(fault);
-        return fault != IdentCause::none;
+        if (fault != IdentCause::none) alone_ = fault;
+        const bool sure = runs_free({own.left + own_error(), own.right + own_error()}) != IdentCause::none;
+        if (alone_ == IdentCause::none || (found_.on_floor && !sure)) return false;
+        // what speed does at more of it may still show the floor
+        if (sure || !go_briskly()) end(alone_);
+        return true;
     }
     // Of a sum of two, from theirs.
     static double joint(double error, double other) { return std::hypot(Real(error), Real(other)); }
@@ -748,6 +751,7 @@ class Probe {
     std::array<Mean, 2> answered_{};
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
     IdentCause ran_free_ = IdentCause::none;  // in a push
+    IdentCause alone_ = IdentCause::none;     // by all pushes
     Stage stage_before_ = Stage::done;
     double level_Nm_ = 0;  // of the whole pulses
     double first_level_Nm_ = 0;

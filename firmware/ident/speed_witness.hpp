@@ -46,10 +46,11 @@ class SpeedWitness {
         return cells > 0 ? sum / cells : 0;
     }
 
-    // Both wheels are. False tells nothing.
+    // Both wheels are. False tells nothing. What shows at one wheel only is in both patterns alike.
     bool on_floor() const {
         const Patterns seen = patterns();
-        return std::max(std::abs(seen.filed), std::abs(seen.mirrored)) > kSureOfFloor * seen.error;
+        const auto [less, more] = std::minmax({std::abs(seen.filed), std::abs(seen.mirrored)});
+        return more > std::max(kSureOfFloor * seen.error, kClear * less);
     }
 
     // unknown until each wheel has been pushed twice in each direction, straight on and turning.

@@ -267,6 +267,11 @@ TEST(ProbeParts, friction_scrub_and_a_wheel_in_the_air_are_not_taken_for_what_sp
     CHECK_FALSE(lifted.on_floor());
     CHECK(lifted.judge_mirror() == Mirror::unknown);
     CHECK(Pushed{.k5_m = 0}.witness().judge_mirror() == Mirror::unknown);
+    // what shows at one wheel only is not what speed does, which shows at both
+    ident::SpeedWitness one_wheel = Pushed{.k5_m = 0}.witness();
+    for (const bool forward : {false, true})
+        for (int push = 0; push < 40; ++push) one_wheel.add(true, forward, {0.1, forward ? -0.5 : 0.5});
+    CHECK_FALSE(one_wheel.on_floor());
     // a tenth less of it one way round looks like a wrong sign that matters little
     const Pushed unlike_scrub{.k5_m = 0, .scrub_back = 0.9};
     CHECK(unlike_scrub.witness().judge_mirror() == Mirror::unknown);
