@@ -151,6 +151,21 @@ TEST(CycleSteps, judge_calls_frames_that_are_not_believed_stale_feedback) {
     }
 }
 
+TEST(CycleSteps, judge_waits_four_encoder_periods_more_for_frames_that_are_not_believed) {
+    for (const int period_ms : {2, 5}) {
+        Scene scene;
+        scene.parameters.drive.encoder_period_ms = period_ms;
+        CHECK_FALSE(scene.judge().feedback_stale);
+        scene.believed = false;
+        const int limit =
+            static_cast<int>(std::lround(scene.parameters.safety.stale_feedback_s / kCyclePeriod_s)) +
+            4 * period_ms;
+        for (int i = 1; i < limit; ++i) CHECK_FALSE(scene.judge().feedback_stale);
+        scene.judge();  // at the limit itself the last digit decides
+        CHECK(scene.judge().feedback_stale);
+    }
+}
+
 TEST(CycleSteps, judge_takes_what_is_no_number_for_danger) {
     for (const double bad : {kNaN, 1e9, -1e9}) {
         Scene scene;
@@ -168,6 +183,20 @@ TEST(CycleSteps, judge_takes_what_is_no_number_for_danger) {
             CHECK(c.moving);
             CHECK(c.rolling);
         }
+    }
+}
+
+// In numbers that are exact in binary.
+TEST(CycleSteps, judge_calls_a_robot_at_the_very_speed_for_clearing_still) {
+    for (double WheelPair<double>::*side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+        Scene scene;
+        scene.parameters.safety.clear_speed_m_per_s = 0.0625;
+        scene.parameters.geometry.wheel_radius_m = {0.125, 0.125};
+        scene.seen.last_torque_Nm.*side = 1;
+        scene.seen.motion.wheel_speed_rad_per_s.*side = 0.5;
+        CHECK_FALSE(scene.judge().moving);
+        scene.seen.motion.wheel_speed_rad_per_s.*side = 0.5 + 1.0 / 1024;
+        CHECK(scene.judge().moving);
     }
 }
 
@@ -362,8 +391,11 @@ TEST(CycleSteps, judge_believes_encoders_that_go_too_fast_where_the_observer_doe
                 }
                 return tripped;
             };
-            CHECK_FALSE(goes_on(0.99, 1000));
-            CHECK(goes_on(1.5, 50));
+            // a step of a coarse encoder more, over the span in which speed is looked at
+            const double doubt = 1 + control::EncoderSpeed::kDoubt_rad_per_s *
+                                         scene.parameters.geometry.mean_radius_m() / std::abs(rim_m_per_s);
+            CHECK_FALSE(goes_on(0.98 * doubt, 1000));
+            CHECK(goes_on(1.02 * doubt, 100));
             goes_on(0, 50);
             CHECK_FALSE(scene.judge().over_speed);
             scene.encoder_rad.left = kNaN;
@@ -410,9 +442,15 @@ TEST(CycleSteps, judge_calls_moving_what_goes_on_and_not_what_trembles) {
             CHECK(moving_after(1));
             scene.seen.last_torque_Nm = {};
             speed = 0;
-            CHECK_FALSE(moving_after(99));
+            CHECK_FALSE(moving_after(98));
             speed = 1.1 * way * limit_rad_per_s;
+            CHECK(moving_after(1));
             CHECK_FALSE(moving_after(1));
+            speed = 0;
+            CHECK_FALSE(moving_after(1000));
+            speed = 1.5 * way * limit_rad_per_s;  // two thirds of it after 54.4 cycles of fifty's average
+            CHECK_FALSE(moving_after(54));
+            CHECK(moving_after(1));
         }
     }
 }
