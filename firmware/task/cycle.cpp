@@ -146,9 +146,8 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
     told.encoder_implausible = encoder_implausible(seen);
     const bool own_path = mode.setpoint == supervisor::Setpoint::stream && !control_.streamed();
     const auto& safety = parameters_.safety;
-    told.command_stale =
-        host_gone(host_, seen.now_ns, safety.host_timeout_s) ||
-        (!own_path && late(host_, mode.setpoint, seen.now_ns, safety.stale_command_cycles));
+    told.command_stale = host_gone(host_, seen.now_ns, safety.host_timeout_s) ||
+                         (!own_path && late(host_, mode.setpoint, seen.now_ns, safety.stale_command_cycles));
     const DriveLimits::Verdict& drives =
         drive_limits_.look(seen.now_ns, ports_.left.feedback(), ports_.right.feedback());
     told.supply_low = drives.supply_low;
