@@ -66,7 +66,8 @@ class SpeedWitness {
     }
 
   private:
-    // Standard errors: once in 10^5, by two pushes in each of eight cells, and by four in those of the turns.
+    // Standard errors that chance exceeds twice in 10^5, by two pushes in each of eight cells, and by four in
+    // those of the turns (ident.ProbeParts counts).
     static constexpr double kSure = 10, kSureByFour = 7.5;
     static constexpr double kSureOfFloor = 6;  // by four pushes in each, as of wheels that answer unlike
     // Wheels that answer unlike show in the other pattern too: half as much where one does three times as

@@ -203,6 +203,7 @@ struct Pushed {
     double slope_m_per_s2 = 0;
     double spread = 1e-4;  // of the pushes' means
     int rounds = 2;
+    int straight_rounds = 8;    // of them at most
     double end_m_per_s = 0.25;  // of a push; the square of the speed is a third of that's
     int seed = 5;
 
@@ -216,6 +217,7 @@ struct Pushed {
         std::normal_distribution<double> noise(0, spread);
         for (int push = 0; push < 2 * rounds; ++push)
             for (const bool turning : {false, true}) {
+                if (!turning && push >= 2 * straight_rounds) continue;
                 const bool forward = push % 2 == 0;
                 const double sense = forward ? 1 : -1;
                 const WheelPair<double> by_file{sense * (turning ? -1 : 1), sense * weak_right};
@@ -337,11 +339,18 @@ TEST(ProbeParts, four_pushes_in_each_direction_need_not_stand_out_as_far_as_two)
         };
         told_by_two += judged(0.12, 2) == Mirror::mirrored ? 1 : 0;
         told_by_four += judged(0.12, 4) == Mirror::mirrored ? 1 : 0;
-        wrong += judged(0, 4) != Mirror::unknown ? 1 : 0;
     }
-    std::printf("  of 4000: %d by two, %d by four; wrong %d\n", told_by_two, told_by_four, wrong);
+    // Of noise alone, pushed straight on twice each way, as the probe does.
+    constexpr int kNoises = 200'000;
+    for (int seed = 0; seed < kNoises; ++seed) {
+        const Pushed robot{
+            .k5_m = 0, .scrub_m_per_s2 = 0, .spread = 0.01, .rounds = 4, .straight_rounds = 2, .seed = seed};
+        wrong += robot.witness().judge_mirror() != Mirror::unknown ? 1 : 0;
+    }
+    std::printf("  of 4000: %d by two, %d by four; of %d without anything: %d\n", told_by_two, told_by_four,
+                kNoises, wrong);
     CHECK(told_by_four > 2 * told_by_two);
-    CHECK_EQUAL(0, wrong);
+    CHECK(wrong <= 8);  // twice in 10^5, and chance
 }
 
 namespace {
