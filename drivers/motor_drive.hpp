@@ -123,6 +123,10 @@ class MotorDrive {
     // drive's. What must arrive is pushed again by the next update().
     virtual bool refused(const hal::CanFrame& frame) = 0;
 
+    // For who reads a log: somebody sent this frame to the drive. Needed where it changes what accept() makes
+    // of the frames that follow.
+    virtual void was_sent(const hal::CanFrame& frame) = 0;
+
     // Wheel torque delivered per wheel torque the drive believes in, as calibrated; > 0.
     virtual void set_torque_scale(double scale) = 0;
 

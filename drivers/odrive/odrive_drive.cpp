@@ -377,6 +377,13 @@ void OdriveDrive::take_return(bool anew) {
     }
 }
 
+void OdriveDrive::was_sent(const hal::CanFrame& frame) {
+    const std::uint32_t order = config_.generation == OdriveGeneration::v0_5
+                                    ? gen5::SetLinearCount::command
+                                    : gen6::SetAbsolutePosition::command;
+    if (frame.id == (config_.node << 5U | order)) ++told_to_count_anew_;
+}
+
 void OdriveDrive::count_anew(FrameSink& out) {
     constexpr int kTimes = 3;
     constexpr std::int64_t kPatience_ns = 100'000'000;

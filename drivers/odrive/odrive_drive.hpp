@@ -112,6 +112,7 @@ class OdriveDrive final : public MotorDrive {
     void command_torque(double torque_Nm, FrameSink& out) override;
     void set_torque_scale(double scale) override;
     bool refused(const hal::CanFrame& frame) override;
+    void was_sent(const hal::CanFrame& frame) override;
     void push_idle(FrameSink& out) const override;
 
     DriveState state() const override;

@@ -193,6 +193,12 @@ constexpr Real listed_mismatch(const EffectSet<Real>& set) {
     return set.active[gains] ? TorqueGainMismatch::coordinates(set.parameter[gains])[0] : Real(0);
 }
 
+// How far the centre of gravity lies to the left, as a file lists it: p of cog_lateral.hpp.
+template <typename Real>
+constexpr Real listed_offset_m(const EffectSet<Real>& set) {
+    return set.active[kCogLateral] ? set.parameter[kCogLateral][0] : Real(0);
+}
+
 // Those of the active effects that the cycle's estimators carry: linear in their parameters, in catalogue
 // order as far as there is room. The others stay as the robot file says; the estimators take their torque as
 // known.

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <numbers>
 
-#include "firmware/task/cycle_schedule.hpp"
 
 namespace wheelwright::task {
 namespace {
@@ -22,19 +21,6 @@ std::uint32_t excitation_seed(const Observed& now) {
     return static_cast<std::uint32_t>(x);
 }
 
-ident::RegressionFilterOptions<Real> filter_options(const model::RobotParameters& p, double kernel_s) {
-    ident::RegressionFilterOptions<Real> options;
-    options.geometry = model::actual_geometry(p.effects, p.geometry);
-    options.effects = model::EffectSet<Real>(p.effects);
-    options.dynamics = model::Dynamics<Real>(p.dynamics);
-    options.sample_time_s = kCyclePeriod_s;
-    options.kernel_s = kernel_s;
-    options.sample_age_s = Senses::sample_age_s(p);
-    options.delay_s =
-        p.velocity_loop.actuation_delay_s + model::effects_delay_s(p.effects) + options.sample_age_s;
-    return options;
-}
-
 // A lobe of a figure-8 holds what the figure can tell; what is remembered should be most of one.
 constexpr double kLapsRemembered = 0.4;
 // The rows' averaging weight: long beside the noise, which falls with its length to the power of 2.5, and
@@ -43,10 +29,6 @@ constexpr double kLapsRemembered = 0.4;
 constexpr double kKernelsRemembered = 40;
 // Samples that a speed is taken over: driving is slow beside the longest span that the filter has.
 constexpr int kAdaptiveSpeedSpan = 24;
-
-Real listed_offset_m(const model::EffectSet<Real>& effects) {
-    return effects.active[model::kCogLateral] ? effects.parameter[model::kCogLateral][0] : 0;
-}
 
 // The dither's torque is at most this share of the limit, its way at a rim this share of the track. Its
 // period is the one at which it may use both: a shorter one would accelerate less on the way that it has. So
@@ -96,7 +78,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     excitation.speed_limit_m_per_s = Real(speed_limit_m_per_s);
     excitation.yaw_rate_limit_rad_per_s = Real(yaw_rate_limit_rad_per_s);
     excitation.distance_limit_m = Real(sizing.distance_limit_m);
-    options.estimator.filter = filter_options(p, 0);
+    options.estimator.filter = regression_filter_options<Real>(p, 0);
     options.estimator.relative_standard_error = Real(p.ident.relative_standard_error);
 
     options.probe = true;
@@ -216,7 +198,7 @@ void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& 
     double kernel_s = memory_s / kKernelsRemembered;
     if (p.adaptation.dither_error > 0)
         kernel_s = std::min(kernel_s, kKernelOverRow * planned_dither_s(p, plant.dynamics) / kRowsADither);
-    options.filter = filter_options(p, kernel_s);
+    options.filter = regression_filter_options<Real>(p, kernel_s);
     const double noise_rad = p.velocity_loop.angle_noise_rad;
     if (noise_rad > 0) {
         options.angle_noise_rad = Real(noise_rad);
@@ -236,7 +218,7 @@ void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& 
     guard_.configure({Real(p.adaptation.dwell_s), Real(p.adaptation.rate_per_s), options.trust_relative_error,
                       options.range, Real(kCyclePeriod_s), Real(p.geometry.track_m)},
                      ident::seen_together(plant.dynamics, model::listed_mismatch(plant.effects),
-                                          listed_offset_m(plant.effects), track_m_),
+                                          model::listed_offset_m(plant.effects), track_m_),
                      plant.effects);
     minimum_excitation_ = p.adaptation.minimum_excitation;
     dither_period_s_ = Real(kRowsADither) * adaptive_.row_interval_s();
@@ -271,7 +253,7 @@ bool Learning::adapt(const Observed& seen, bool saturated, MotionControl& contro
 
 model::Dynamics<Real> Learning::adapted_dynamics() const {
     return ident::told_apart(guard_.dynamics(), model::listed_mismatch(guard_.effects()),
-                             listed_offset_m(guard_.effects()), track_m_);
+                             model::listed_offset_m(guard_.effects()), track_m_);
 }
 
 WheelPair<Real> Learning::dither_m_per_s2() const {

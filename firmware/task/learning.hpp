@@ -13,10 +13,28 @@
 #include "firmware/ident/model_guard.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/protocol/wheelwright_messages.hpp"
+#include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/motion_control.hpp"
 #include "firmware/task/parameter_service.hpp"
 
 namespace wheelwright::task {
+
+// How samples of this robot become rows. The delay: of the whole way from a cycle's start to its torque, by
+// the file.
+template <typename Scalar>
+ident::RegressionFilterOptions<Scalar> regression_filter_options(const model::RobotParameters& p,
+                                                                 double kernel_s) {
+    ident::RegressionFilterOptions<Scalar> options;
+    options.geometry = model::actual_geometry(p.effects, p.geometry);
+    options.effects = model::EffectSet<Scalar>(p.effects);
+    options.dynamics = model::Dynamics<Scalar>(p.dynamics);
+    options.sample_time_s = kCyclePeriod_s;
+    options.kernel_s = kernel_s;
+    options.sample_age_s = Senses::sample_age_s(p);
+    options.delay_s =
+        p.velocity_loop.actuation_delay_s + model::effects_delay_s(p.effects) + options.sample_age_s;
+    return options;
+}
 
 class Learning {
   public:

@@ -52,6 +52,7 @@ struct FakeDrive final : drivers::MotorDrive {
         refusals += f.id == id + 2 ? 1 : 0;
         return f.id == id + 2;
     }
+    void was_sent(const hal::CanFrame&) override {}
     void set_torque_scale(double value) override { scale = value; }
     DriveState state() const override { return now; }
     drivers::DriveFault fault() const override { return {}; }

@@ -106,6 +106,7 @@ class DriveView {
         }
         const drivers::DriveCounters before = drive_->counters();
         const std::int64_t torque_before_ns = drive_->feedback().torque_time_ns;
+        drive_->was_sent(frame);
         drive_->accept({frame, time_ns});
         if (drive_->counters().not_finite != before.not_finite) return "a number that is not finite";
         if (drive_->counters().wrong_length != before.wrong_length) return "frame of the wrong length";

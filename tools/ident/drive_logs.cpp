@@ -175,17 +175,18 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     if (!findings.problems.empty()) return findings;
 
     ident::DynamicsEstimatorOptions<double> options = estimator_options(setup);
-    const double age_s = options.filter.sample_age_s;
+    // of what the effects do not delay
+    const double beside_s = options.filter.sample_age_s + model::effects_delay_s(setup.robot.effects);
     ident::DelayEstimator<double> delay_estimator;
     delay_estimator.configure(options.filter);
     feed(delay_estimator, logs);
     const ident::DelayEstimate<double> delay = delay_estimator.estimate();
     findings.delay_meaning = "from a cycle's start to the centroid of its torque";
-    findings.delay_s = {static_cast<double>(delay.delay_s) - age_s, delay.standard_error_s, delay.valid, ""};
+    findings.delay_s = {static_cast<double>(delay.delay_s) - beside_s, delay.standard_error_s, delay.valid, ""};
     if (delay.valid) {
         options.filter.delay_s = delay.delay_s;
     } else {
-        findings.delay_s.value = options.filter.delay_s - age_s;
+        findings.delay_s.value = options.filter.delay_s - beside_s;
         findings.delay_s.reason = "not measurable in this log; the robot file's is used";
     }
 

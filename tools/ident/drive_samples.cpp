@@ -153,16 +153,9 @@ std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
 }  // namespace
 
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot) {
-    ident::RegressionFilterOptions<double> options;
-    options.geometry = robot.geometry;
-    options.effects = robot.effects;
-    options.dynamics = robot.dynamics;
-    options.sample_time_s = task::kCyclePeriod_s;
-    options.kernel_s = robot.ident.kernel_s > 0 ? robot.ident.kernel_s
-                                                : ident::kernel_for_bit_s(kUsualBit_s, task::kCyclePeriod_s);
-    options.sample_age_s = task::Senses::sample_age_s(robot);
-    options.delay_s = robot.velocity_loop.actuation_delay_s + options.sample_age_s;
-    return options;
+    return task::regression_filter_options<double>(
+        robot, robot.ident.kernel_s > 0 ? robot.ident.kernel_s
+                                        : ident::kernel_for_bit_s(kUsualBit_s, task::kCyclePeriod_s));
 }
 
 Arrival arrival_of(const DriveLog& log, const model::RobotParameters& robot) {

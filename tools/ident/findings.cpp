@@ -1,5 +1,4 @@
 #include "tools/ident/findings.hpp"
-#include "tools/logs/read_measured.hpp"
 
 #include <algorithm>
 #include <cerrno>
@@ -7,6 +6,9 @@
 #include <cstring>
 #include <ctime>
 #include <optional>
+
+#include "firmware/ident/cross_gains.hpp"
+#include "tools/logs/read_measured.hpp"
 
 namespace wheelwright::tools {
 namespace {
@@ -30,6 +32,23 @@ void judge_length(DynamicsFigure& k, double scale) {
         return;
     }
     k.known = true;
+}
+
+// The regressions know nothing of what couples forward and turning, and see K5..K8 together with it. In a
+// robot file they stand beside it.
+void stand_beside(const model::RobotParameters& robot, Findings& f) {
+    const double mismatch = model::listed_mismatch(robot.effects);
+    const double offset_m = model::listed_offset_m(robot.effects);
+    if (mismatch == 0 && offset_m == 0) return;
+    if (!f.k7().known || !f.k8().known) return;
+    const auto beside = ident::told_apart<double>({f.k5().value, f.k6().value, f.k7().value, f.k8().value},
+                                                  mismatch, offset_m, robot.geometry.track_m);
+    const std::array<double, 4> value{beside.k5_m, beside.k6_per_m, beside.k7_per_kg_m, beside.k8_per_kg_m2};
+    for (std::size_t i = 0; i < f.k.size(); ++i) {
+        if (f.k[i].value == 0) continue;
+        f.k[i].standard_error *= std::abs(value[i] / f.k[i].value);
+        f.k[i].value = value[i];
+    }
 }
 
 }  // namespace
@@ -71,10 +90,14 @@ Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& 
         candumps += *form == LogForm::candump ? 1 : 0;
     }
     if (!failed.problems.empty()) return failed;
-    if (candumps == paths.size()) return identify_drive_logs(paths, setup);
-    if (candumps == 0) return identify_measured_logs(paths, setup);
-    failed.problems.emplace_back("candump logs and others cannot be one experiment: name one form only");
-    return failed;
+    if (candumps != 0 && candumps != paths.size()) {
+        failed.problems.emplace_back("candump logs and others cannot be one experiment: name one form only");
+        return failed;
+    }
+    Findings found =
+        candumps == 0 ? identify_measured_logs(paths, setup) : identify_drive_logs(paths, setup);
+    if (found.problems.empty()) stand_beside(setup.robot, found);
+    return found;
 }
 
 std::string log_date(double first_time_s) {

@@ -207,7 +207,14 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
                                     {"true_value", "truth"},
                                     {"value", "identified"},
                                     {"standard_error", "standard error"}});
-        const auto& k = result.estimate.dynamics;
+        // What is known stands in the file's parameters, beside what couples forward and turning there.
+        model::Dynamics<double> k = result.estimate.dynamics;
+        if (result.succeeded) {
+            const model::Dynamics<double>& kept = sim.parameters().dynamics;
+            k = sim.cycle().learning().run().coupling_known()
+                    ? kept
+                    : model::Dynamics<double>{k.k5_m, k.k6_per_m, kept.k7_per_kg_m, kept.k8_per_kg_m2};
+        }
         const auto& e = result.estimate.standard_error;
         report.row({std::string("K5"), truth.k5_m, k.k5_m, e.k5_m});
         report.row({std::string("K6"), truth.k6_per_m, k.k6_per_m, e.k6_per_m});
