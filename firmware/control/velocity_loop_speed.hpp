@@ -23,14 +23,8 @@ struct VelocityLoopSpeed {
 // What dry friction leaves of a wheel's torque, and a tenth of the limit at least, so that a model of
 // friction that is wrong makes no loop slow without end.
 inline double accelerating_Nm(const model::RobotParameters& from) {
-    WheelPair<double> dry{};
-    model::for_each_dry(from.effects, from.geometry,
-                        [&dry](std::size_t, unsigned, const WheelPair<double>& direction, double limit_Nm) {
-                            dry.left += std::abs(direction.left) * limit_Nm;
-                            dry.right += std::abs(direction.right) * limit_Nm;
-                        });
     const double limit_Nm = from.limits.torque_Nm;
-    return std::max(limit_Nm - std::max(dry.left, dry.right), limit_Nm / 10);
+    return std::max(limit_Nm - model::dry_friction_Nm(from.effects, from.geometry), limit_Nm / 10);
 }
 
 // What the robot file says; "auto" follows from the robot:

@@ -109,6 +109,26 @@ inline double standing_speed_rad_per_s(double angle_noise_rad, int speed_span, d
     return kStillNoises * angle_noise_rad / ((speed_span + 2) * sample_time_s);
 }
 
+// Over how many samples a speed is taken, and what stands: so long that a wheel which turns round with the
+// slowest acceleration, theta = a t^2 / 2, shows its sign about as long as the noise hides it. One that stays
+// within the noise for longer stands.
+struct SpeedSpan {
+    int samples{}, standing_samples{};  // as in RegressionFilterOptions
+    double standing_speed_rad_per_s{};
+};
+inline SpeedSpan speed_span(double angle_noise_rad, double slowest_rad_per_s2, double sample_time_s) {
+    constexpr double kTurningShare = 0.8;
+    constexpr double kSpanShare = 0.6;
+    const double still_rad = kStillNoises * angle_noise_rad;
+    const double turning_samples =
+        kTurningShare * std::sqrt(2 * still_rad / slowest_rad_per_s2) / sample_time_s;
+    SpeedSpan span;
+    span.samples = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
+    span.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
+    span.standing_speed_rad_per_s = standing_speed_rad_per_s(angle_noise_rad, span.samples, sample_time_s);
+    return span;
+}
+
 // Friction that the robot file does not list gets columns where they are worth it: without them K7 and K8 are
 // off by its share of the torque at most, and that may be more than their wanted standard error. Only as far
 // as there is room beside what is listed, not where dry friction is listed in another form, and not where the
@@ -193,18 +213,11 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
                                       : std::max(kCouplingLength * r.track_m,
                                                  kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
 
-    // Speeds are taken over so long a span that a wheel which turns round with the least torque, theta = a
-    // t^2 / 2, shows its sign about as long as the noise hides it. One that stays within the noise for longer
-    // stands.
-    constexpr double kTurningShare = 0.8;
-    constexpr double kSpanShare = 0.6;
-    const double still_rad = kStillNoises * found.angle_noise_rad;
-    const double slowest = weakest_per_Nm * (s.amplitude_Nm - friction);
-    const double turning_samples = kTurningShare * std::sqrt(2 * still_rad / slowest) / r.sample_time_s;
-    s.speed_span = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
-    s.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
-    s.standing_speed_rad_per_s =
-        standing_speed_rad_per_s(found.angle_noise_rad, s.speed_span, r.sample_time_s);
+    const SpeedSpan span =
+        speed_span(found.angle_noise_rad, weakest_per_Nm * (s.amplitude_Nm - friction), r.sample_time_s);
+    s.speed_span = span.samples;
+    s.standing_samples = span.standing_samples;
+    s.standing_speed_rad_per_s = span.standing_speed_rad_per_s;
     return s;
 }
 

@@ -301,7 +301,19 @@ constexpr void for_each_dry(const EffectSet<Real>& set, const Geometry<Real>& ge
     });
 }
 
-// The same, and friction whose limit depends on speed, with its limit at these wheel speeds (parameter index
+// The dry friction that a wheel may feel, of the one that feels more.
+template <typename Real>
+constexpr Real dry_friction_Nm(const EffectSet<Real>& set, const Geometry<Real>& geometry) {
+    WheelPair<Real> dry{};
+    for_each_dry(set, geometry,
+                 [&dry](std::size_t, unsigned, const WheelPair<Real>& direction, Real limit_Nm) {
+                     dry.left += std::abs(direction.left) * limit_Nm;
+                     dry.right += std::abs(direction.right) * limit_Nm;
+                 });
+    return std::max(dry.left, dry.right);
+}
+
+// The same as for_each_dry(), and friction whose limit depends on speed, with its limit at these wheel speeds (parameter index
 // 0).
 template <std::size_t kUpTo = kEffectCount, typename Real, typename Visitor>
 constexpr void for_each_dry(const EffectSet<Real>& set, const Geometry<Real>& geometry,

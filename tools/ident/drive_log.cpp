@@ -294,8 +294,10 @@ class Reader {
         observer_.update(start_ns, sample_of(left_.feedback()), sample_of(right_.feedback()), plant_);
         DriveLog::Cycle cycle;
         cycle.start_ns = start_ns;
-        cycle.sample.usable = observer_.angles_at(start_ns - age_ns_, cycle.sample.angle_rad) && commanded &&
-                              followed_ && left_.closed_loop() && right_.closed_loop();
+        // as in the cycle, the last angles stay where none are known
+        cycle.sample.usable = observer_.angles_at(start_ns - age_ns_, angle_rad_) && commanded && followed_ &&
+                              left_.closed_loop() && right_.closed_loop();
+        cycle.sample.angle_rad = angle_rad_;
         const bool deaf =
             start_ns - std::min(left_.feedback().encoder_time_ns, right_.feedback().encoder_time_ns) >
             kEncoderGap_ns;
@@ -366,7 +368,7 @@ class Reader {
     std::size_t line_ = 0;
     std::int64_t start_ns_ = 0, last_command_ns_ = 0;
     std::int64_t commands_ = 0, command_time_ns_ = 0;
-    WheelPair<double> last_torque_, first_angle_;
+    WheelPair<double> angle_rad_, last_torque_, first_angle_;
     bool pending_restart_ = true, deaf_ = true, followed_ = true;
 };
 

@@ -41,6 +41,34 @@ void feed(Estimator& estimator, const std::vector<DriveLog>& logs) {
     }
 }
 
+// What an identification knows by its probe, here by the log: the angles' noise and, from a first estimate, how
+// gently the wheels turn round, and how much of the torque is friction.
+void size_by_log(const std::vector<DriveLog>& logs, const ident::DynamicsEstimate<double>& first,
+                 ident::DynamicsEstimatorOptions<double>& options) {
+    double noise_rad2 = 0, torque_Nm2 = 0, cycles = 0;
+    for (const DriveLog& log : logs) {
+        noise_rad2 = std::max(noise_rad2, angle_noise(log, 1).noise_rad2);
+        for (const DriveLog::Cycle& cycle : log.cycles) {
+            if (!cycle.sample.usable) continue;
+            const WheelPair<double>& torque = cycle.sample.last_torque_Nm;
+            torque_Nm2 += (torque.left * torque.left + torque.right * torque.right) / 2;
+            ++cycles;
+        }
+    }
+    const model::Geometry<double>& g = options.filter.geometry;
+    const double usual_Nm = std::sqrt(torque_Nm2 / std::max(cycles, 1.0));
+    const double friction_Nm = std::clamp(model::dry_friction_Nm(first.effects, g), 0.0, usual_Nm);
+    const double weakest_per_Nm =
+        std::min(2 * first.dynamics.k7_per_kg_m, first.dynamics.k8_per_kg_m2 * g.track_m) / g.mean_radius_m();
+    if (!(weakest_per_Nm > 0)) return;
+    const ident::SpeedSpan span = ident::speed_span(
+        std::sqrt(noise_rad2), weakest_per_Nm * (usual_Nm - friction_Nm), options.filter.sample_time_s);
+    options.filter.speed_span = span.samples;
+    options.filter.standing_samples = span.standing_samples;
+    options.filter.standing_speed_rad_per_s = span.standing_speed_rad_per_s;
+    options.dry_share = friction_Nm / usual_Nm;
+}
+
 // The rows of the firmware's filter, all at once, with the columns of DynamicsEstimator; what may wander
 // there is constant here.
 struct AllRows {
@@ -163,8 +191,8 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     std::vector<DriveLog> logs;
     double largest_torque_Nm = 0;
     for (const std::string& path : paths) {
-        logs.push_back(read_drive_log(path, setup.robot));
-        const DriveLog& log = logs.back();
+        DriveLog& log = logs.emplace_back(read_drive_log(path, setup.robot));
+        take_through_encoder_loops(log);
         for (const LineProblem& problem : log.problems) findings.problems.push_back(to_text(path, problem));
         for (const LineProblem& note : log.notes) findings.notes.push_back(to_text(path, note));
         findings.logs.push_back({path, "candump", log_date(1e-9 * static_cast<double>(log.first_time_ns)),
@@ -191,6 +219,9 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     }
 
     ident::DynamicsEstimator<double> estimator;
+    estimator.configure(options);
+    feed(estimator, logs);
+    size_by_log(logs, estimator.estimate(), options);
     estimator.configure(options);
     feed(estimator, logs);
     const ident::DynamicsEstimate<double>& e = estimator.estimate();

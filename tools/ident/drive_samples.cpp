@@ -104,28 +104,12 @@ std::ptrdiff_t cycles_per_sample(const DriveLog& log, std::ptrdiff_t fewest) {
     constexpr double kSmall = 0.05;
     constexpr auto kMost =
         static_cast<std::ptrdiff_t>((kUsualBit_s + task::kCyclePeriod_s / 2) / task::kCyclePeriod_s);
-    const std::span<const DriveLog::Cycle> cycles = log.cycles;
-    double noise = 0;  // of the angles, by third differences: 20 times the variance of what is white
-    double moved = 0;  // in a span
-    std::ptrdiff_t run = 0;
-    for (std::size_t i = 0; i < cycles.size(); ++i) {
-        run = !cycles[i].sample.usable ? 0 : cycles[i].restart ? 1 : run + 1;
-        if (run <= 3 * fewest) continue;
-        const auto angle = [&](std::ptrdiff_t back) {
-            return cycles[i - static_cast<std::size_t>(back * fewest)].sample.angle_rad;
-        };
-        for (double WheelPair<double>::*side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
-            const double first = angle(0).*side - angle(1).*side;
-            noise +=
-                std::pow(first - 2 * (angle(1).*side - angle(2).*side) + angle(2).*side - angle(3).*side, 2) /
-                20;
-            moved += first * first;
-        }
-    }
+    const AngleNoise seen = angle_noise(log, fewest);
     // the difference of two angles has twice the variance of one
-    const double speed = std::sqrt(std::max(0.0, moved - 2 * noise)) / static_cast<double>(fewest);
+    const double speed =
+        std::sqrt(std::max(0.0, seen.moved_rad2 - 2 * seen.noise_rad2)) / static_cast<double>(fewest);
     if (!(kSmall * speed > 0)) return fewest;
-    const double wanted = std::sqrt(2 * noise) / (kSmall * speed);
+    const double wanted = std::sqrt(2 * seen.noise_rad2) / (kSmall * speed);
     const auto even = 2 * static_cast<std::ptrdiff_t>(std::ceil(std::min(wanted, double(kMost)) / 2));
     return std::max(fewest, even);
 }
@@ -151,6 +135,37 @@ std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
 }
 
 }  // namespace
+
+AngleNoise angle_noise(const DriveLog& log, std::ptrdiff_t spacing) {
+    const std::span<const DriveLog::Cycle> cycles = log.cycles;
+    AngleNoise seen;
+    double count = 0;
+    std::ptrdiff_t run = 0;
+    for (std::size_t i = 0; i < cycles.size(); ++i) {
+        run = !cycles[i].sample.usable ? 0 : cycles[i].restart ? 1 : run + 1;
+        if (run <= 3 * spacing) continue;
+        const auto angle = [&](std::ptrdiff_t back) {
+            return cycles[i - static_cast<std::size_t>(back * spacing)].sample.angle_rad;
+        };
+        for (double WheelPair<double>::*side : {&WheelPair<double>::left, &WheelPair<double>::right}) {
+            const double first = angle(0).*side - angle(1).*side;
+            // third differences: 20 times the variance of what is white
+            const double third =
+                first - 2 * (angle(1).*side - angle(2).*side) + angle(2).*side - angle(3).*side;
+            seen.noise_rad2 += third * third / 20;
+            seen.moved_rad2 += first * first;
+            ++count;
+        }
+    }
+    seen.noise_rad2 /= std::max(count, 1.0);
+    seen.moved_rad2 /= std::max(count, 1.0);
+    return seen;
+}
+
+void take_through_encoder_loops(DriveLog& log) {
+    const std::vector<WheelPair<double>> made_Nm = torques_Nm(log, 0);
+    for (std::size_t i = 0; i < log.cycles.size(); ++i) log.cycles[i].sample.last_torque_Nm = made_Nm[i];
+}
 
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot) {
     return task::regression_filter_options<double>(

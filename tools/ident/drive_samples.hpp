@@ -24,6 +24,15 @@ namespace wheelwright::tools {
 // The rows that the estimators make of a drive log.
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot);
 
+// Mean squares over the usable cycles: of the angles' noise, and of the way in `spacing` cycles.
+struct AngleNoise {
+    double noise_rad2 = 0, moved_rad2 = 0;
+};
+AngleNoise angle_noise(const DriveLog& log, std::ptrdiff_t spacing);
+
+// Makes the torques what the drives' encoder loops make of the angles.
+void take_through_encoder_loops(DriveLog& log);
+
 // When a told torque acts, beside what its drive's encoder loop makes of it: by the log, where that tells and
 // is within a cycle of the robot file's delay, which may have been measured without the encoder loop. What is
 // further off is a missing effect.
