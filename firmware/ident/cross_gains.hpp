@@ -51,6 +51,16 @@ model::Dynamics<Real> told_apart(const model::Dynamics<Real>& seen, Real mismatc
     return {seen.k5_m * scale, seen.k6_per_m * scale, k7 * scale, k8 * scale};
 }
 
+// What a torque that the drives do not make, such as a friction, at the right wheel alone (`side` 1) or the
+// left one (-1) seems to be to such regressions, over what it is: in v', in omega'. They take its sum for
+// what drives forward and its difference for what turns, and it does both. 0: it is not of one wheel.
+inline std::array<double, 2> seen_of_one_wheel(int side, double k8_over_k7_per_m, double mismatch,
+                                               double offset_m, double track_m) {
+    const double forward = offset_m * k8_over_k7_per_m;
+    const double turning = 2 * offset_m / track_m;
+    return {(1 + side * forward) / (1 + mismatch * forward), (1 + side * turning) / (1 + mismatch * turning)};
+}
+
 // Shares of K7 (K8) below this are not worth an effect: a tenth of it would be left of a step's settling
 // band, which is 1 %.
 inline constexpr double kWorthAnEffect = 0.01;

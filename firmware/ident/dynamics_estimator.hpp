@@ -224,6 +224,34 @@ class DynamicsEstimator {
         return {gain(equation_[0]), gain(equation_[1])};
     }
 
+    // The effects' parameters as they stand beside this in a robot file.
+    model::EffectSet<Real> effects_beside(const Asymmetry& beside) const {
+        model::EffectSet<Real> effects = estimate_.effects;
+        const double prior = equation_[0].prior_information + equation_[1].prior_information;
+        if (columns_ == 0 || !(prior > 0) || beside.offset_m == 0) return effects;
+        const auto k8_over_k7 =
+            static_cast<double>(estimate_.dynamics.k8_per_kg_m2 / estimate_.dynamics.k7_per_kg_m);
+        ColumnVector pull = ColumnVector::Zero();
+        std::array<ColumnVector, 2> value{equation_[0].effect, equation_[1].effect};
+        for (int j = 0; j < columns_; ++j) {
+            const ColumnPlace place = places_[static_cast<std::size_t>(j)];
+            const auto seen =
+                seen_of_one_wheel(model::side_of(place.effect, place.parameter), k8_over_k7, beside.mismatch,
+                                  beside.offset_m, static_cast<double>(track_m_));
+            for (std::size_t i = 0; i < 2; ++i) value[i](j) /= seen[i];
+        }
+        for (std::size_t i = 0; i < 2; ++i) pull += equation_[i].effect_information * value[i];
+        const ColumnVector all =
+            inverse(equation_[0].effect_information + equation_[1].effect_information) * pull;
+        for (int j = 0; j < columns_; ++j) {
+            const ColumnPlace place = places_[static_cast<std::size_t>(j)];
+            const Real error = estimate_.effects_standard_error.parameter[place.effect][place.parameter];
+            if (error < static_cast<Real>(kUnknownError))
+                effects.parameter[place.effect][place.parameter] = static_cast<Real>(all(j));
+        }
+        return effects;
+    }
+
     // Of the residuals of y1 and y2 [m/s^2, rad/s^2, squared], for reports.
     TwistRate<Real> residual_variance() const { return {equation_[0].noise.mean, equation_[1].noise.mean}; }
 

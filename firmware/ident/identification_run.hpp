@@ -123,6 +123,10 @@ class IdentificationRun {
         if (estimator() == nullptr) return {};
         return ident::asymmetry(seen, estimator()->cross_gains(), options_.estimator.filter.geometry.track_m);
     }
+    // Of a run that is done: as they stand beside this in a robot file.
+    model::EffectSet<Real> effects_beside(const Asymmetry& beside) const {
+        return estimator() != nullptr ? estimator()->effects_beside(beside) : estimate().effects;
+    }
     // Nothing is known before `estimating`.
     const DynamicsEstimate<Real>& estimate() const {
         return estimator() != nullptr ? estimator()->estimate() : nothing_known_;

@@ -5,7 +5,6 @@
 #include <cmath>
 #include <numbers>
 
-
 namespace wheelwright::task {
 namespace {
 
@@ -126,7 +125,7 @@ model::Dynamics<Real> Learning::probed_dynamics() const {
 }
 
 // What couples forward and turning. Returns what is K5..K8 beside it.
-model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
+model::Dynamics<double> Learning::record_asymmetry(const ident::Asymmetry& found, ParameterService& service,
                                                    model::RobotParameters& live) const {
     constexpr std::size_t gains = model::find_effect(model::TorqueGainMismatch::info.name);
     const auto put = [&](std::size_t effect, double value, double error) {
@@ -137,7 +136,6 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
             service.record(model::effect_index(effect, model::kEffectActiveSlot), 1);
         service.record(model::effect_index(effect, 0), std::clamp(value, info.minimum, info.maximum));
     };
-    const ident::Asymmetry found = run_.asymmetry();
     model::Dynamics<double> k = ident::told_apart<double>(run_.estimate().dynamics, found.mismatch,
                                                           found.offset_m, live.geometry.track_m);
     // The run took the torque that the file's mismatch lets arrive, so it has found what is to be added.
@@ -154,7 +152,8 @@ model::Dynamics<double> Learning::record_asymmetry(ParameterService& service,
 
 void Learning::record(ParameterService& service, model::RobotParameters& live) const {
     const auto& e = run_.estimate();
-    const model::Dynamics<double> k = record_asymmetry(service, live);
+    const ident::Asymmetry found = run_.asymmetry();
+    const model::Dynamics<double> k = record_asymmetry(found, service, live);
     const auto put = [&service](std::string_view key, double value) {
         if (const model::ParameterInfo* info = model::find_parameter(key)) {
             service.record(info->index, std::clamp(value, info->minimum, info->maximum));
@@ -177,6 +176,7 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
     put("velocity_loop.angle_noise_rad", run_.findings().angle_noise_rad);
     // The others are as the file has them, or have just been recorded.
     const std::array<bool, model::kEffectCount> estimated = model::estimated_effects(e.effects.active);
+    const model::EffectSet<Real> effects = run_.effects_beside(found);
     for (std::size_t i = 0; i < model::kEffectCount; ++i) {
         if (!estimated[i]) continue;
         if (!live.effects.active[i]) service.record(model::effect_index(i, model::kEffectActiveSlot), 1);
@@ -184,7 +184,7 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
         for (std::size_t j = 0; j < parameters.size(); ++j) {
             service.record(
                 model::effect_index(i, j),
-                std::clamp<double>(e.effects.parameter[i][j], parameters[j].minimum, parameters[j].maximum));
+                std::clamp<double>(effects.parameter[i][j], parameters[j].minimum, parameters[j].maximum));
             live.effects_standard_error.parameter[i][j] = e.effects_standard_error.parameter[i][j];
         }
     }

@@ -75,7 +75,8 @@ class Learning {
   private:
     model::Dynamics<Real> adapted_dynamics() const;  // as beside the guard's effects in a robot file
     WheelPair<Real> dither_m_per_s2() const;         // amplitudes at a wheel's rim, forward and turning
-    model::Dynamics<double> record_asymmetry(ParameterService& service, model::RobotParameters& live) const;
+    model::Dynamics<double> record_asymmetry(const ident::Asymmetry& found, ParameterService& service,
+                                             model::RobotParameters& live) const;
 
     ident::IdentificationRun<Real> run_;
     ident::AdaptiveEstimator<Real> adaptive_;

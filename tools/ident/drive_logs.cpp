@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "firmware/ident/cross_gains.hpp"
 #include "firmware/ident/delay_estimator.hpp"
 #include "firmware/ident/dynamics_estimator.hpp"
 #include "firmware/task/cycle_schedule.hpp"
@@ -41,8 +42,8 @@ void feed(Estimator& estimator, const std::vector<DriveLog>& logs) {
     }
 }
 
-// What an identification knows by its probe, here by the log: the angles' noise and, from a first estimate, how
-// gently the wheels turn round, and how much of the torque is friction.
+// What an identification knows by its probe, here by the log: the angles' noise and, from a first estimate,
+// how gently the wheels turn round, and how much of the torque is friction.
 void size_by_log(const std::vector<DriveLog>& logs, const ident::DynamicsEstimate<double>& first,
                  ident::DynamicsEstimatorOptions<double>& options) {
     double noise_rad2 = 0, torque_Nm2 = 0, cycles = 0;
@@ -159,15 +160,27 @@ void report_dynamics(const ident::DynamicsEstimate<double>& e, double prior, Fin
     }
 }
 
-// From the batch, whose fit says which directions the log leaves unknown.
-void report_effects(const Fit& linear, const Fit& turning, const IdentSetup& setup, double largest_torque_Nm,
+// From the batch, whose fit says which directions the log leaves unknown; beside what the file lists of what
+// couples forward and turning.
+void report_effects(std::array<Fit, 2> equations, const IdentSetup& setup, double largest_torque_Nm,
                     Findings& findings) {
-    std::vector<const Fit*> fits;
-    if (findings.k7().known) fits.push_back(&linear);
-    if (findings.k8().known) fits.push_back(&turning);
-    const Shared shared = combine(fits, kTorque, kFirstEffect);
     std::array<ident::ColumnPlace, model::kMaxColumns> places{};
     const int columns = ident::column_places(setup.effects, places);
+    const double k8_over_k7_per_m = findings.k8().value / findings.k7().value;
+    std::vector<const Fit*> fits;
+    for (std::size_t i = 0; i < equations.size(); ++i) {
+        if (!findings.k[2 + i].known) continue;
+        fits.push_back(&equations[i]);
+        if (!findings.k7().known || !findings.k8().known) continue;
+        for (int c = 0; c < columns; ++c) {
+            const ident::ColumnPlace place = places[static_cast<std::size_t>(c)];
+            equations[i].theta(kFirstEffect + c) /= ident::seen_of_one_wheel(
+                model::side_of(place.effect, place.parameter), k8_over_k7_per_m,
+                model::listed_mismatch(setup.robot.effects), model::listed_offset_m(setup.robot.effects),
+                setup.robot.geometry.track_m)[i];
+        }
+    }
+    const Shared shared = combine(fits, kTorque, kFirstEffect);
     for (int c = 0; c < columns; ++c) {
         const ident::ColumnPlace place = places[static_cast<std::size_t>(c)];
         EffectFigure figure;
@@ -210,7 +223,8 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     feed(delay_estimator, logs);
     const ident::DelayEstimate<double> delay = delay_estimator.estimate();
     findings.delay_meaning = "from a cycle's start to the centroid of its torque";
-    findings.delay_s = {static_cast<double>(delay.delay_s) - beside_s, delay.standard_error_s, delay.valid, ""};
+    findings.delay_s = {static_cast<double>(delay.delay_s) - beside_s, delay.standard_error_s, delay.valid,
+                        ""};
     if (delay.valid) {
         options.filter.delay_s = delay.delay_s;
     } else {
@@ -239,12 +253,12 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     const TwistRate<double> residual = estimator.residual_variance();
     findings.residual_rms = {std::sqrt(residual.v_m_per_s2), std::sqrt(residual.omega_rad_per_s2)};
     const AllRows rows = all_rows(logs, options.filter, estimator.tap_spacing_s());
-    const Fit linear = least_squares(rows.linear);
-    const Fit turning = least_squares(rows.turning);
+    Fit linear = least_squares(rows.linear);
+    Fit turning = least_squares(rows.turning);
     findings.explained_share = {linear.explained_share, turning.explained_share};
     report_dynamics(e, options.prior_variance, findings);
     judge(findings, setup.robot.geometry);
-    report_effects(linear, turning, setup, largest_torque_Nm, findings);
+    report_effects({std::move(linear), std::move(turning)}, setup, largest_torque_Nm, findings);
     return findings;
 }
 

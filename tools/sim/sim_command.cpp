@@ -220,6 +220,16 @@ bool act(Simulation& sim, const Action& action, const model::RobotParameters& pl
         report.row({std::string("K6"), truth.k6_per_m, k.k6_per_m, e.k6_per_m});
         report.row({std::string("K7"), truth.k7_per_kg_m, k.k7_per_kg_m, e.k7_per_kg_m});
         report.row({std::string("K8"), truth.k8_per_kg_m2, k.k8_per_kg_m2, e.k8_per_kg_m2});
+        const model::EffectSet<double>& effects = sim.parameters().effects;
+        const std::array<bool, model::kEffectCount> estimated =
+            model::estimated_effects(result.estimate.effects.active);
+        for (std::size_t i = 0; result.succeeded && i < model::kEffectCount; ++i) {
+            for (std::size_t j = 0; estimated[i] && j < model::kEffects[i].parameters.size(); ++j)
+                report.row({std::string(model::kEffects[i].name) + "." +
+                                std::string(model::kEffects[i].parameters[j].name),
+                            plant.effects.parameter[i][j], effects.parameter[i][j],
+                            result.estimate.effects_standard_error.parameter[i][j]});
+        }
         return result.succeeded;
     }
     if (action.name == "goal") {
