@@ -360,6 +360,7 @@ class Probe {
         if (next == Stage::pulses && level_Nm_ == 0) {
             sides_.halt(2, angle_);
             if (judge_coupling() || judge_sides() || judge_answers()) return;
+            if (!found_.signs_known() && go_briskly()) return;
         }
         if (next == Stage::done) return end(IdentCause::none);
         if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {

@@ -70,9 +70,13 @@ class Searcher {
     }
 
     Gaps gaps() const {
-        const bool beyond = result_.effects.empty() && evidence_.options().white_noise;
-        return {result_.closable_torque_share, result_.residual_torque_share,
-                beyond ? beyond_noise_share(all_.blocks, result_.after) : 0.0, evidence_.options().large_gap};
+        double beyond = 0;
+        if (result_.effects.empty() && evidence_.options().white_noise) {
+            const BeyondNoise left = beyond_noise(all_.blocks, result_.after);
+            if (surely_positive(left.squares, kPolicy.false_alarm)) beyond = left.share_of_torque();
+        }
+        return {result_.closable_torque_share, result_.residual_torque_share, beyond,
+                evidence_.options().large_gap};
     }
 
     double floor_of(const Members& members) const {

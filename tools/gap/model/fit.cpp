@@ -4,6 +4,7 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 namespace wheelwright::gap {
 namespace {
@@ -324,20 +325,25 @@ double torque_squares(const Blocks& blocks, const Fit& fit) {
     return total;
 }
 
-double beyond_noise_share(const Blocks& blocks, const Fit& fit) {
+BeyondNoise beyond_noise(const Blocks& blocks, const Fit& fit) {
     const auto rows = rows_of(fit, measured_column(blocks));
-    double residual = 0;
-    double torque = 0;
+    BeyondNoise left;
     for (const Block* block : blocks) {
+        double& squares = left.squares.emplace_back(0);
         for (std::size_t e = 0; e < fit.shape.equations(); ++e) {
             const Eigen::Map<const Eigen::VectorXd> weight(rows[e].weight.data(),
                                                            Eigen::Index(rows[e].weight.size()));
-            residual += (block->row[e](Eigen::all, rows[e].column) * weight).squaredNorm() - block->rows[e];
+            squares += (block->row[e](Eigen::all, rows[e].column) * weight).squaredNorm() - block->rows[e];
             const double gain = fit.value(gain_of(e));
-            torque += gain * gain * block->row[e].col(Dictionary::kTorque).squaredNorm();
+            left.torque_squares += gain * gain * block->row[e].col(Dictionary::kTorque).squaredNorm();
         }
     }
-    return torque > 0 ? std::sqrt(std::max(0.0, residual) / torque) : 0.0;
+    return left;
+}
+
+double BeyondNoise::share_of_torque() const {
+    const double all = std::accumulate(squares.begin(), squares.end(), 0.0);
+    return torque_squares > 0 ? std::sqrt(std::max(0.0, all) / torque_squares) : 0.0;
 }
 
 double reachable_squares(const Blocks& blocks, const ModelShape& shape, const std::vector<int>& extra) {

@@ -46,8 +46,14 @@ double squares_apart(const Block& block, const Fit& a, const Fit& b);
 // What the torque alone does, in the same measure: to give shares.
 double torque_squares(const Blocks& blocks, const Fit& fit);
 
-// RMS of the torque that would make what a fit leaves beyond the sensors' noise, over RMS of the torque.
-double beyond_noise_share(const Blocks& blocks, const Fit& fit);
+// What a fit leaves beyond the sensors' noise.
+struct BeyondNoise {
+    std::vector<double> squares;  // of each block's whitened rows, less what the noise makes of them
+    double torque_squares = 0;    // what the torque alone does, of all
+
+    double share_of_torque() const;  // RMS over RMS
+};
+BeyondNoise beyond_noise(const Blocks& blocks, const Fit& fit);
 
 // Squared whitened residual, cross-validated over the blocks, of free
 // coefficients for `columns` beside the base in each equation: what could be
