@@ -85,11 +85,14 @@ struct DriveFeedback {
     std::uint32_t error_bits = 0;  // in the drive's own encoding
 };
 
-// Beyond these no drive of the dialect works in health, whatever its size.
+// What is alike in all drives of the dialect, whatever their size.
 struct DriveRatings {
+    // Beyond these none works in health.
     double least_supply_V = 0;
     double most_supply_V = 0;
     double most_temperature_degC = 0;  // of inverter and motor
+    // Period in which it computes the loop that follows the encoder (encoder_loop.hpp).
+    double encoder_loop_period_s = 0;
 };
 
 class FrameSink {

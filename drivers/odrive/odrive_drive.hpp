@@ -92,7 +92,7 @@ inline constexpr double kLargestPosition_rev = 1024;
 
 // The factory's settings, 0.5 and 0.6: below 8 V a drive stops by itself; above 60 V no board of any size is
 // whole; from 100 degC on the current is reduced, to nothing at 120 degC: half of it is left at 110.
-inline constexpr DriveRatings kOdriveRatings{8, 60, 110};
+inline constexpr DriveRatings kOdriveRatings{8, 60, 110, kOdriveLoopPeriod_s};
 
 // What the robot file says about one wheel's drive.
 OdriveConfig odrive_config(const model::RobotParameters& parameters, Wheel wheel);

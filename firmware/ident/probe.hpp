@@ -70,6 +70,7 @@ struct ProbeSample {
     std::array<bool, 2> report_is_new{};  // in this cycle
     bool pose_is_new = false;             // an external pose came
     Pose<double> pose;
+    WheelPair<double> encoder_lag_s;  // 1 / b of encoder_loop.hpp, as far as it is known by now; 0: none
 };
 
 struct ProbeFindings {

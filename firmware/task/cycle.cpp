@@ -250,7 +250,8 @@ void Cycle::enter_mode(const supervisor::Verdict& verdict, const Observed& seen)
     encoder_watch_.configure(control::encoder_watch_settings(parameters_, mode.law == Law::excitation));
     control_.enter(mode.law, seen);
     if (mode.law == Law::excitation) {
-        learning_.start_identification(parameters_, ident_settings_, seen);
+        learning_.start_identification(parameters_, ident_settings_,
+                                       ports_.left.ratings().encoder_loop_period_s, seen);
         if (!model_known_) use_rough_model();
     }
     if (mode.learns) learning_.start_adaptation(parameters_, control_);

@@ -52,8 +52,11 @@ double chosen(double asked, double standard) { return asked > 0 ? asked : standa
 }  // namespace
 
 void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
-                                    const Observed& now) {
+                                    double encoder_loop_period_s, const Observed& now) {
+    encoder_period_s_ = 1e-3 * p.drive.encoder_period_ms;
+    encoder_lag_ = {};
     ident::IdentificationOptions<Real> options;
+    options.encoder_loop_period_s = encoder_loop_period_s;
     ident::SizingRequest& sizing = options.sizing;
     sizing.amplitude_Nm = chosen(settings.amplitude_Nm, p.ident.amplitude_Nm);
     sizing.bit_time_s = chosen(1e-3 * settings.bit_time_ms, p.ident.bit_time_s);
@@ -111,7 +114,11 @@ WheelPair<Real> Learning::identify(const Observed& seen,
     for (std::size_t i = 0; i < 2; ++i) {
         senses.report_is_new[i] = feedback[i]->torque_time_ns != report_ns_[i];
         report_ns_[i] = feedback[i]->torque_time_ns;
+        encoder_lag_[i].take(feedback[i]->position_rad, feedback[i]->speed_rad_per_s,
+                             feedback[i]->encoder_time_ns, encoder_period_s_);
     }
+    const double period_s = run_.options().encoder_loop_period_s;
+    senses.encoder_lag_s = {encoder_lag_[0].lag_s(period_s), encoder_lag_[1].lag_s(period_s)};
     senses.pose_is_new = seen.external_pose != nullptr;
     if (senses.pose_is_new) senses.pose = *seen.external_pose;
     return run_.step(seen.sample, seen.pose, seen.motion.twist, senses);

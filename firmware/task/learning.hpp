@@ -40,7 +40,8 @@ class Learning {
   public:
     // Settings of zero mean the robot file's value.
     void start_identification(const model::RobotParameters& parameters,
-                              const protocol::IdentSettings& settings, const Observed& now);
+                              const protocol::IdentSettings& settings, double encoder_loop_period_s,
+                              const Observed& now);
     // The excitation's torque. `feedback`: of both drives, left and right.
     WheelPair<Real> identify(const Observed& seen,
                              const std::array<const drivers::DriveFeedback*, 2>& feedback);
@@ -93,6 +94,8 @@ class Learning {
     bool was_long_ = false;
     int adapted_since_ = 0;  // cycles that a new model waits for the controllers; 0: none does
     std::array<std::int64_t, 2> report_ns_{};  // of the drives' newest torque reports
+    std::array<ident::EncoderLoopLag, 2> encoder_lag_;
+    double encoder_period_s_ = 0;
 };
 
 }  // namespace wheelwright::task

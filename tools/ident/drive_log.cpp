@@ -13,6 +13,7 @@
 #include "drivers/odrive/odrive_0_6_messages.hpp"
 #include "drivers/odrive/odrive_drive.hpp"
 #include "firmware/control/wheel_observer.hpp"
+#include "firmware/ident/encoder_loop.hpp"
 #include "firmware/protocol/bus_load.hpp"
 #include "firmware/protocol/codec.hpp"
 #include "firmware/task/cycle_schedule.hpp"
@@ -32,42 +33,6 @@ constexpr std::int64_t kMemory_ns = 8'000'000;  // a reported torque was command
 constexpr double kPeriodTolerance = 0.2;
 // A report may miss the commands' range by this share of the largest command.
 constexpr double kFollowTolerance = 0.15;
-
-// 1 / b of a drive's encoder loop, from p(t) - p(0) - sum of T v = 2 / b (v(t) - v(0)). The noise of v is
-// the loop's own and obeys the same law; what the integral between reports lacks is as likely to add to
-// either end. The drive's sum has the speed from before each of its periods T, the integral the mean of both
-// ends: it is longer by T / 2 (v(t) - v(0)).
-class EncoderLoop {
-  public:
-    void take(const drivers::DriveFeedback& f, double period_s) {
-        if (f.encoder_time_ns == time_ns_) return;
-        const bool follows =
-            time_ns_ > 0 && std::abs(1e-9 * double(f.encoder_time_ns - time_ns_) - period_s) < period_s / 2;
-        time_ns_ = f.encoder_time_ns;
-        if (follows) path_rad_ += period_s * (last_rad_per_s_ + f.speed_rad_per_s) / 2;
-        last_rad_per_s_ = f.speed_rad_per_s;
-        passed_s_ += period_s;
-        if (follows && passed_s_ < kSpan_s) return;
-        if (follows) {
-            const double gained = f.speed_rad_per_s - from_rad_per_s_;
-            product_ += gained * (f.position_rad - from_rad_ - path_rad_);
-            square_ += gained * gained;
-        }
-        from_rad_ = f.position_rad;
-        from_rad_per_s_ = f.speed_rad_per_s;
-        path_rad_ = passed_s_ = 0;
-    }
-    double lag_s() const {
-        return square_ > 0 ? std::max(0.0, product_ / square_ + drivers::kOdriveLoopPeriod_s / 2) / 2 : 0.0;
-    }
-
-  private:
-    static constexpr double kSpan_s = 0.02;  // long beside a period, short beside a clock's error
-    std::int64_t time_ns_ = 0;
-    double last_rad_per_s_ = 0, from_rad_ = 0, from_rad_per_s_ = 0;
-    double path_rad_ = 0, passed_s_ = 0;
-    double product_ = 0, square_ = 0;
-};
 
 struct Command {
     std::int64_t time_ns = 0;
@@ -112,14 +77,15 @@ class DriveView {
         if (drive_->counters().wrong_length != before.wrong_length) return "frame of the wrong length";
         if ((frame.id & 0x1FU) == gen6::Heartbeat::command) take_state(bytes);
         reported_ = drive_->feedback().torque_time_ns != torque_before_ns;
-        encoder_loop_.take(drive_->feedback(), encoder_period_s_);
+        const drivers::DriveFeedback& f = drive_->feedback();
+        encoder_lag_.take(f.position_rad, f.speed_rad_per_s, f.encoder_time_ns, encoder_period_s_);
         return "";
     }
 
     const std::optional<Command>& command() const { return command_; }
     const drivers::DriveFeedback& feedback() const { return drive_->feedback(); }
     bool closed_loop() const { return closed_loop_; }
-    double encoder_lag_s() const { return encoder_loop_.lag_s(); }
+    double encoder_lag_s() const { return encoder_lag_.lag_s(drivers::kOdriveLoopPeriod_s); }
 
     // True when the last frame was a torque report that none of the recent commands explains.
     bool not_followed(std::int64_t now_ns, double largest_Nm) const {
@@ -156,7 +122,7 @@ class DriveView {
     }
 
     double encoder_period_s_;
-    EncoderLoop encoder_loop_;
+    ident::EncoderLoopLag encoder_lag_;
     drivers::OdriveConfig config_;
     drivers::DriveSlot slot_;
     drivers::MotorDrive* drive_;

@@ -9,6 +9,7 @@
 
 #include "drivers/odrive/odrive_drive.hpp"
 #include "firmware/ident/delay_estimator.hpp"
+#include "firmware/ident/encoder_loop.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/learning.hpp"
@@ -67,37 +68,6 @@ class TorqueLag {
     double cycles_, end_, torque_ = 0, off_ = 0;
 };
 
-// What a drive's encoder loop makes of a torque as it does of the angle: the same recursion, in the drive's
-// own periods, as means over cycles of a torque that each cycle holds.
-class EncoderLoop {
-  public:
-    explicit EncoderLoop(double lag_s)
-        : follows_(lag_s > 0 ? std::min(1.0, 2 * drivers::kOdriveLoopPeriod_s / lag_s) : 1.0),
-          turns_(follows_ * follows_ / 4) {}
-
-    void restart(double torque) {
-        torque_ = torque;
-        slope_ = 0;
-    }
-    double mean(double torque) {
-        double sum = 0;
-        for (int i = 0; i < kSteps; ++i) {
-            torque_ += slope_;
-            const double off = torque - torque_;
-            torque_ += follows_ * off;
-            slope_ += turns_ * off;
-            sum += torque_;
-        }
-        return sum / kSteps;
-    }
-
-  private:
-    static constexpr int kSteps = static_cast<int>((task::kCyclePeriod_s + drivers::kOdriveLoopPeriod_s / 2) /
-                                                   drivers::kOdriveLoopPeriod_s);
-    double follows_, turns_;         // shares of what it is off by, in a step; at 1 it is never off
-    double torque_ = 0, slope_ = 0;  // the latter in a step
-};
-
 // Cycles for one sample: long enough that the encoders' noise, which is shared out over them, is small beside
 // the usual speed, for friction, centripetal terms and standstill are made of speeds. No longer than a bit.
 std::ptrdiff_t cycles_per_sample(const DriveLog& log, std::ptrdiff_t fewest) {
@@ -119,7 +89,9 @@ std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
     std::vector<WheelPair<double>> made;
     made.reserve(log.cycles.size());
     WheelPair<TorqueLag> lag{TorqueLag(lag_s), TorqueLag(lag_s)};
-    WheelPair<EncoderLoop> loop{EncoderLoop(log.encoder_lag_s.left), EncoderLoop(log.encoder_lag_s.right)};
+    WheelPair<ident::ThroughEncoderLoop<double>> loop;
+    loop.left.configure(log.encoder_lag_s.left, drivers::kOdriveLoopPeriod_s, task::kCyclePeriod_s);
+    loop.right.configure(log.encoder_lag_s.right, drivers::kOdriveLoopPeriod_s, task::kCyclePeriod_s);
     for (const DriveLog::Cycle& cycle : log.cycles) {
         const WheelPair<double>& told = cycle.sample.last_torque_Nm;
         if (cycle.restart) {

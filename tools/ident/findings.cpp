@@ -94,8 +94,7 @@ Findings identify_logs(const std::vector<std::string>& paths, const IdentSetup& 
         failed.problems.emplace_back("candump logs and others cannot be one experiment: name one form only");
         return failed;
     }
-    Findings found =
-        candumps == 0 ? identify_measured_logs(paths, setup) : identify_drive_logs(paths, setup);
+    Findings found = candumps == 0 ? identify_measured_logs(paths, setup) : identify_drive_logs(paths, setup);
     if (found.problems.empty()) stand_beside(setup.robot, found);
     return found;
 }
