@@ -24,6 +24,9 @@ constexpr int kAveraged = 64;             // spans
 constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
 
+// Where K5 and K6 are zeros nobody has found them yet.
+bool knows_body(const model::Dynamics<Real>& k) { return k.k5_m != 0 || k.k6_per_m != 0; }
+
 }  // namespace
 
 EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, bool identifying) {
@@ -250,22 +253,24 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
     const Instant& from = instants_[(newest_ - kSpans) % kInstants];
     const Lie lie = turned_round(from, now);
     const bool turned = lie != Lie::none && lie == turned_round(from, last);
-    // A robot whose K5 and K6 nobody knows yet may have its mass half a track away from the axle.
-    Real body_rad_per_s = 0;
-    if (k.k5_m == 0) {
-        const auto& g = plant.geometry;
-        const auto body = model::twist_from_wheel_speeds(g, speed_rad_per_s);
-        const Real turning = std::abs(body.omega_rad_per_s);
-        body_rad_per_s = Real(span_cycles_ * kObserverCycle_s) * turning *
-                         (g.track_m / 2 * turning + std::abs(body.v_m_per_s)) /
-                         std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
-    }
+    const Real body_rad_per_s = knows_body(k) ? 0 : by_unknown_body(speed_rad_per_s, plant.geometry);
     const Real least =
         std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s));
     const bool left = against(0, expected, told, least);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
     const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
     return turned || left || right || against_pushes;
+}
+
+// What a body that turns may make of a wheel's speed in the last span, where nobody knows K5 and K6 yet: it
+// may have its mass half a track away from the axle.
+Real EncoderWatch::by_unknown_body(const WheelPair<Real>& speed_rad_per_s,
+                                   const model::Geometry<Real>& g) const {
+    const auto body = model::twist_from_wheel_speeds(g, speed_rad_per_s);
+    const Real turning = std::abs(body.omega_rad_per_s);
+    return Real(span_cycles_ * kObserverCycle_s) * turning *
+           (g.track_m / 2 * turning + std::abs(body.v_m_per_s)) /
+           std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
 }
 
 // Whether a wheel's speed is the mirror image of what torque and inertia have made of it, or the other
@@ -329,9 +334,10 @@ bool EncoderWatch::against_push(const WheelPair<Real>& speed_rad_per_s, const Wh
     const WheelPair<Real>& push = push_rad_per_s_;
     const auto& g = plant.geometry;
     const auto turned_by_body = [&](Real left_rad_per_s) {
-        const auto rate = model::acceleration(
-            plant.dynamics, model::twist_from_wheel_speeds(g, {left_rad_per_s, speed_rad_per_s.right}),
-            WheelPair<Real>{});
+        const WheelPair<Real> speed{left_rad_per_s, speed_rad_per_s.right};
+        if (!knows_body(plant.dynamics)) return by_unknown_body(speed, g);
+        const auto rate =
+            model::acceleration(plant.dynamics, model::twist_from_wheel_speeds(g, speed), WheelPair<Real>{});
         return push_s_ * (std::abs(rate.v_m_per_s2) + std::abs(rate.omega_rad_per_s2) * g.track_m / 2) /
                std::min(g.wheel_radius_m.left, g.wheel_radius_m.right);
     };

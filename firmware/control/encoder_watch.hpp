@@ -112,6 +112,7 @@ class EncoderWatch {
     bool hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Real radius_m,
                 const PlantModel<Real>& plant, bool model_known) const;
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
+    Real by_unknown_body(const WheelPair<Real>& speed_rad_per_s, const model::Geometry<Real>& geometry) const;
     Lie turned_round(const Instant& from, const Instant& to) const;
     bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
                  Real least_rad_per_s);
