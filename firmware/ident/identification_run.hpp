@@ -149,6 +149,8 @@ class IdentificationRun {
         return probe != nullptr ? probe->findings() : found_;
     }
     const Sizing& sizing() const { return sizing_; }
+    // Of the drives' encoder loops, as it was told last.
+    const WheelPair<double>& encoder_lag_s() const { return encoder_lag_s_; }
     const IdentificationOptions<Real>& options() const { return options_; }
     double elapsed_s() const { return cycles_ * options_.excitation.sample_time_s; }
     // So long it goes on although it is good enough, for it still gets better.

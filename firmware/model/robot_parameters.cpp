@@ -116,7 +116,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x00AB, ident.coupling_standard_error_m, "m", 0.0, 1e-6, 1.0, idle, "standard error at which K5, and K6 as a length, are good enough; auto: where it no longer matters at the yaw rate limit"),
 
     WW_CHOICE(0x00C0, velocity_loop.method, kMethods, 0, idle, "how the velocity loops are designed"),
-    WW_REAL(0x00C1, velocity_loop.settling_time_s, "s", 0.0, 0.005, 5.0, idle, "wanted settling time to 1 %; auto: what delay, encoders and torque allow, at least 0.05 s"),
+    WW_REAL(0x00C1, velocity_loop.settling_time_s, "s", 0.0, 0.005, 5.0, idle, "wanted settling time to 1 %; auto: what delay, encoders, their loops and torque allow, at least 0.05 s"),
     WW_REAL(0x00C2, velocity_loop.damping, "", 1.0, 0.3, 3.0, idle, "damping ratio of the paper's design"),
     WW_REAL(0x00C3, velocity_loop.setpoint_weight, "", 0.97, 0.5, 0.98, idle, "share of the reference in the proportional term"),
     WW_REAL(0x00C4, velocity_loop.phase_margin_deg, "deg", 45.0, 20.0, 80.0, idle, "designs with less phase margin are refused"),
@@ -124,6 +124,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x00C6, velocity_loop.actuation_delay_s, "s", 0.002, 0.0, 0.02, idle, "delay from the cycle's start to the torque's centroid; measured in ident mode"),
     WW_REAL(0x00C7, velocity_loop.observer_bandwidth_rad_per_s, "rad/s", 0.0, 5.0, 2000.0, idle, "bandwidth of the wheel speed observer; auto: 12.5 over the settling time"),
     WW_REAL(0x00C8, velocity_loop.angle_noise_rad, "rad", 0.0, 0.0, 0.1, idle, "noise of a wheel's angle; measured in ident mode, 0: not known"),
+    WW_REAL(0x00C9, velocity_loop.encoder_lag_s, "s", 0.0, 0.0, 0.1, idle, "of the drives' encoder loops: 1 / bandwidth, of the slower one; measured in ident mode, 0: not known"),
 
     WW_REAL(0x00D0, pose_control.gamma1, "1/s", 0.0, 0.05, 10.0, idle, "gain on distance, eq (82); auto: a third of gamma2"),
     WW_REAL(0x00D1, pose_control.gamma2, "1/s", 0.0, 0.05, 20.0, idle, "gain on the bearing error, eq (83); auto: a twelfth of the velocity loops' rate, lower where yaw acceleration is scarce"),

@@ -80,7 +80,7 @@ struct RobotParameters {
     struct {
         LoopDesignMethod method;
         double settling_time_s, damping, setpoint_weight, phase_margin_deg, sensitivity_peak,
-            actuation_delay_s, observer_bandwidth_rad_per_s, angle_noise_rad;
+            actuation_delay_s, observer_bandwidth_rad_per_s, angle_noise_rad, encoder_lag_s;
     } velocity_loop{};
     struct {
         double gamma1, gamma2, lambda_ratio, speed_m_per_s, yaw_rate_rad_per_s, stop_radius_m, rearm_radius_m,

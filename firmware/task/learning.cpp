@@ -181,6 +181,8 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
         put("velocity_loop.actuation_delay_s",
             run_.delay().delay_s - sample_age_s_ - model::effects_delay_s(live.effects));
     put("velocity_loop.angle_noise_rad", run_.findings().angle_noise_rad);
+    const WheelPair<double>& lag_s = run_.encoder_lag_s();
+    put("velocity_loop.encoder_lag_s", std::max(lag_s.left, lag_s.right));
     // The others are as the file has them, or have just been recorded.
     const std::array<bool, model::kEffectCount> estimated = model::estimated_effects(e.effects.active);
     const model::EffectSet<Real> effects = run_.effects_beside(found);

@@ -186,6 +186,8 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     robot.payload.ahead_m = track_m * draw.uniform(-1, 1) / 3;
     robot.payload.left_m = track_m * draw.uniform(-1, 1) / 3;
     robot.payload.inertia_kg_m2 = robot.payload.mass_kg * std::pow(track_m * draw.uniform(0.2, 0.5), 2) / 6;
+    // 1000 as drives are sold, 100 as their makers advise for Hall sensors
+    const double encoder_loop_rad_per_s = draw.log_uniform(100, 2000);
 
     robot.lists_friction = draw.share(0.5);
     const double cog_left_m = std::clamp(draw.normal(0.05), -0.15, 0.15) * track_m;
@@ -265,6 +267,7 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         {"mass.wheel_inertia_kg_m2", wheel_inertia_kg_m2},
         {"simulation.encoder_counts_per_turn", counts},
         {"simulation.encoder_noise_rad", encoder_noise_rad},
+        {"simulation.velocity_filter_rad_per_s", encoder_loop_rad_per_s},
         {"simulation.torque_lag_s", robot.delay_s - latency_s},
         {"simulation.command_latency_s", latency_s},
         {"simulation.torque_noise_Nm", torque_noise_Nm},
