@@ -47,6 +47,7 @@ SimOdrive::SimOdrive(const SimOdriveConfig& config, std::int64_t start_ns)
     ideal_encoder_ = config.counts_per_turn <= 0;
     command_latency_ns_ = to_ns(config.command_latency_s);
     plain_report_ = config.report_counts_per_wheel_turn <= 0 && config.report_lag_s <= 0;
+    watchdog_timeout_ns_ = static_cast<std::int64_t>(1e9 * config_.watchdog_timeout_s);
     if (ideal_encoder_) config_.counts_per_turn = 1;
     counts_per_rad_ = config.sign * config.gear_ratio * config_.counts_per_turn / kTwoPi;
     // A 16-bit uniform number has the standard deviation sqrt((65536^2 - 1) / 12).
@@ -331,7 +332,7 @@ void SimOdrive::millisecond(double wheel_angle_rad, double wheel_speed_rad_per_s
 void SimOdrive::check_watchdog(std::int64_t now_ns) {
     if (!config_.watchdog_enabled) return;
     if (config_.generation == 6 && !armed()) return;
-    if (static_cast<double>(now_ns - fed_ns_) <= 1e9 * config_.watchdog_timeout_s) return;
+    if (now_ns - fed_ns_ <= watchdog_timeout_ns_) return;
     raise_error(config_.generation == 5 ? 0x800U : 0x0100'0000U);
 }
 

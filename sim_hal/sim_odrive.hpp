@@ -189,6 +189,7 @@ class SimOdrive {
     std::uint32_t input_mode_ = 1;
     std::int64_t arming_done_ns_ = 0;  // 0: not arming
     std::int64_t fed_ns_ = 0;
+    std::int64_t watchdog_timeout_ns_ = 0;
     std::uint64_t bad_frames_ = 0;
 
     // Torque, at the motor.

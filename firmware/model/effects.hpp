@@ -73,49 +73,30 @@ inline constexpr std::size_t kCommonEffects = kBare ? kEffectCount : 7;
 
 // The kinds of effect.hpp.
 template <typename Effect>
-concept Dry = requires {
-    Effect::template dry_direction<double>(0U);
-};
+concept Dry = requires { Effect::template dry_direction<double>(0U); };
 template <typename Effect>
-concept EachWheel = requires(const EffectContext<double>& context) {
-    Effect::each_wheel(context);
-};
+concept EachWheel = requires(const EffectContext<double>& context) { Effect::each_wheel(context); };
 template <typename Effect>
-concept HasOwnCoordinates = requires {
-    Effect::coordinate_count;
-};
+concept HasOwnCoordinates = requires { Effect::coordinate_count; };
 template <typename Effect>
-concept OnTorquePath = requires(Parameters<double> p, WheelPair<double> torque) {
-    Effect::asked(p, torque);
-};
+concept OnTorquePath = requires(Parameters<double> p, WheelPair<double> torque) { Effect::asked(p, torque); };
 template <typename Effect>
-concept HasColumns = requires(const EffectContext<double>& context) {
-    Effect::column(0U, context);
-}
-|| EachWheel<Effect> || Dry<Effect>;
+concept HasColumns = requires(const EffectContext<double>& context) { Effect::column(0U, context); } ||
+                     EachWheel<Effect> || Dry<Effect>;
 // Its columns depend on K5..K8.
 template <typename Effect>
-concept ColumnsByDynamics = requires {
-    requires Effect::columns_by_dynamics;
-};
+concept ColumnsByDynamics = requires { requires Effect::columns_by_dynamics; };
 template <typename Effect>
-concept SmoothTorque = (HasColumns<Effect> && !Dry<Effect>) ||
-                       requires(Parameters<double> p, const EffectContext<double>& context) {
-    Effect::torque(p, context);
-};
+concept SmoothTorque =
+    (HasColumns<Effect> && !Dry<Effect>) ||
+    requires(Parameters<double> p, const EffectContext<double>& context) { Effect::torque(p, context); };
 template <typename Effect>
-concept InTorquePath = requires {
-    Effect::path_place;
-};
+concept InTorquePath = requires { Effect::path_place; };
 // Dry friction of both wheels whose limit depends on the sliding speed.
 template <typename Effect>
-concept DryBySpeed = requires(Parameters<double> p) {
-    Effect::dry_limit(p, 0.0);
-};
+concept DryBySpeed = requires(Parameters<double> p) { Effect::dry_limit(p, 0.0); };
 template <typename Effect>
-concept CountsAsDelay = requires(Parameters<double> p) {
-    Effect::controllers_delay_s(p);
-};
+concept CountsAsDelay = requires(Parameters<double> p) { Effect::controllers_delay_s(p); };
 // Its parameters are the coefficients of its columns, whatever the applied torque.
 template <typename Effect>
 concept LinearInParameters = HasColumns<Effect> && !HasOwnCoordinates<Effect> && !OnTorquePath<Effect>;
@@ -134,8 +115,7 @@ template <typename Make>
 constexpr auto for_catalogue(Make&& make) {
     return [&]<std::size_t... I>(std::index_sequence<I...>) {
         return std::array{make.template operator()<std::tuple_element_t<I, Catalogue>>()...};
-    }
-    (std::make_index_sequence<kEffectCount>{});
+    }(std::make_index_sequence<kEffectCount>{});
 }
 
 inline constexpr std::array<EffectInfo, kEffectCount> kEffects =
@@ -275,13 +255,11 @@ constexpr void for_each_active(const std::array<bool, kEffectCount>& active, Vis
         if (!any_of_eight(active, kFirst)) return;
         [&]<std::size_t... J>(std::index_sequence<J...>) {
             (one(std::integral_constant<std::size_t, kFirst + J>{}), ...);
-        }
-        (std::make_index_sequence<std::min<std::size_t>(8, kUpTo - kFirst)>{});
+        }(std::make_index_sequence<std::min<std::size_t>(8, kUpTo - kFirst)>{});
     };
     [&]<std::size_t... K>(std::index_sequence<K...>) {
         (eight(std::integral_constant<std::size_t, 8 * K>{}), ...);
-    }
-    (std::make_index_sequence<(kUpTo + 7) / 8>{});
+    }(std::make_index_sequence<(kUpTo + 7) / 8>{});
 }
 
 // The wheel torque that one unit of a smooth effect's coordinate k gives.
@@ -413,8 +391,7 @@ constexpr void for_each_invertible(Visitor&& visit) {
     };
     [&]<std::size_t... kStage>(std::index_sequence<kStage...>) {
         (one(std::integral_constant<std::size_t, kStage>{}), ...);
-    }
-    (std::make_index_sequence<kPathEffects>{});
+    }(std::make_index_sequence<kPathEffects>{});
 }
 
 // What arrives at the wheels of the context's applied torque, as far as the controllers can undo it.
@@ -441,8 +418,7 @@ constexpr WheelPair<Real> asked_torque_Nm(const EffectSet<Real>& set, WheelPair<
     };
     [&]<std::size_t... kStage>(std::index_sequence<kStage...>) {
         (one(std::integral_constant<std::size_t, kStage>{}), ...);
-    }
-    (std::make_index_sequence<kPathEffects>{});
+    }(std::make_index_sequence<kPathEffects>{});
     return wanted_Nm;
 }
 

@@ -81,7 +81,7 @@ class Shipped(unittest.TestCase):
                 with open(figures, encoding="utf-8") as file:
                     found = next(section for key, section in json.load(file).items() if key.startswith("ident"))
                 print(f"{name}.toml in virtual time: {found['duration_s']:.0f} s")
-                for row in found["parameters"][2:]:
+                for row in found["parameters"][2:4]:  # K7, K8; the frictions follow
                     print(f"{row['name']}: {100 * (row['value'] / row['true_value'] - 1):+.2f} % off the truth")
                     self.assertLess(abs(row["value"] / row["true_value"] - 1), 0.02)
 

@@ -162,8 +162,10 @@ TEST(GapFit, beyond_noise_is_the_torque_that_is_missing) {
     gap::ModelShape shape = one_equation();
     shape.amounts.pop_back();
     // the column's power is a ninth of the torque's
-    DOUBLES_EQUAL(kAmount / 3, gap::beyond_noise(e.pointers, gap::fit(e.pointers, shape)).share_of_torque(), 0.02);
-    DOUBLES_EQUAL(0, gap::beyond_noise(e.pointers, gap::fit(e.pointers, one_equation())).share_of_torque(), 0.02);
+    DOUBLES_EQUAL(kAmount / 3, gap::beyond_noise(e.pointers, gap::fit(e.pointers, shape)).share_of_torque(),
+                  0.02);
+    DOUBLES_EQUAL(0, gap::beyond_noise(e.pointers, gap::fit(e.pointers, one_equation())).share_of_torque(),
+                  0.02);
 }
 
 TEST_GROUP(GapRefine){};
