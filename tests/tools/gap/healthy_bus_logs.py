@@ -5,6 +5,7 @@ usage: healthy_bus_logs.py WHEELWRIGHT [COUNT [SEED [FOLDER]]]     FOLDER: keeps
 
 Robots that nobody tuned for are drawn (`wheelwright robots`). What a tape measure got wrong is put right and the frictions are
 in the model, so that nothing is missing. The drives' encoder loops have 200 to 8000 rad/s, in turn, and both generations.
+`wheelwright ident` has read K5 to K8 from the same logs before: none is off by more than six of its standard errors.
 """
 import collections
 import json
@@ -19,6 +20,7 @@ LOOPS_rad_per_s = (1000, 200, 8000, 500, 2000, 4000)
 ACTIONS = ("ident", "figure-eight")
 SLOWEST_UNSEEN_rad_per_s = 4000  # from here on a drive (8 kHz) reports what it has just read
 LOOP_WITHIN = 0.1
+MOST_ERRORS = 6
 
 
 def with_value(text, table, key, value):
@@ -44,6 +46,7 @@ def whole_table(text, table):
 class Robot:
     def __init__(self, program, folder, number):
         self.program, self.folder, self.number = program, folder, number
+        self.errors = []
         self.loop_rad_per_s = LOOPS_rad_per_s[(number - 1) % len(LOOPS_rad_per_s)]
         self.generation = 5 + (number + (number - 1) // len(LOOPS_rad_per_s)) % 2  # each loop with both, in turn
         with open(os.path.join(folder, "robot.toml"), encoding="utf-8") as file:
@@ -70,6 +73,15 @@ class Robot:
             with open(path, "w", encoding="utf-8") as file:
                 file.write(text)
 
+    def errors_of_ident(self, figures, found):
+        """(truth less value) over standard error of K5 to K8, by what `sim` and `ident` have written."""
+        with open(figures, encoding="utf-8") as file:
+            driven = next(section for key, section in json.load(file).items() if key.startswith("ident_"))
+        with open(found, encoding="utf-8") as file:
+            rows = {row["parameter"]: row for row in json.load(file)["dynamics"]["parameters"]}
+        return [(row["true_value"] - rows[row["name"]]["value"]) / rows[row["name"]]["standard_error"]
+                for row in driven["parameters"][:4] if isinstance(rows[row["name"]]["value"], float)]
+
     def run(self, *arguments):
         done = subprocess.run([self.program, *arguments], capture_output=True, text=True, check=False)
         return done.returncode, done.stdout + done.stderr
@@ -77,11 +89,15 @@ class Robot:
     def judge(self):
         """(verdict, names and what they are), of the log of an identification and a figure-8."""
         log, out = os.path.join(self.folder, "bus.log"), os.path.join(self.folder, "gap")
+        driven, found = os.path.join(self.folder, "driven.json"), os.path.join(self.folder, "found.json")
         status, text = self.run("sim", "--robot", self.robot, "--plant", self.plant, "--seed", str(self.number), "--log", log,
-                                *ACTIONS)
+                                "--json", driven, *ACTIONS)
         if status not in (0, 3):
             return "not driven", text.splitlines()[-1:]
-        self.run("ident", log, "--model", self.robot, "--write", self.robot)
+        self.run("ident", log, "--model", self.robot, "--write", self.robot, "--json", found)
+        self.errors = self.errors_of_ident(driven, found)
+        if max(map(abs, self.errors), default=0) > MOST_ERRORS:
+            return "K5 to K8 misread", [f"{error:.1f}" for error in self.errors]
         status, text = self.run("gap", log, "--model", self.robot, "--out", out)
         if not os.path.exists(os.path.join(out, "gap.json")):
             return "no answer", text.splitlines()[-1:]
@@ -114,6 +130,9 @@ def main():
     for loop, counts in sorted(table.items()):
         print(f"{loop:5} rad/s: " + ", ".join(f"{verdict} {n}" for verdict, n in counts.most_common()))
     wrong = sum(verdict != "nothing_missing" for verdict, _ in verdicts)
+    errors = [abs(error) for robot in robots for error in robot.errors]
+    print(f"K5 to K8 by ident, {len(errors)}: {100 * sum(error < 1.96 for error in errors) / max(1, len(errors)):.1f} % of the "
+          f"95 % intervals hold the truth; the largest error is {max(errors, default=0):.1f} standard errors")
     print(f"{count - wrong} of {count}: nothing_missing")
     return 1 if wrong else 0
 
