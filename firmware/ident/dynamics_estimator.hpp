@@ -231,7 +231,6 @@ class DynamicsEstimator {
         if (columns_ == 0 || !(prior > 0) || beside.offset_m == 0) return effects;
         const auto k8_over_k7 =
             static_cast<double>(estimate_.dynamics.k8_per_kg_m2 / estimate_.dynamics.k7_per_kg_m);
-        ColumnVector pull = ColumnVector::Zero();
         std::array<ColumnVector, 2> value{equation_[0].effect, equation_[1].effect};
         for (int j = 0; j < columns_; ++j) {
             const ColumnPlace place = places_[static_cast<std::size_t>(j)];
@@ -240,9 +239,8 @@ class DynamicsEstimator {
                                   beside.offset_m, static_cast<double>(track_m_));
             for (std::size_t i = 0; i < 2; ++i) value[i](j) /= seen[i];
         }
-        for (std::size_t i = 0; i < 2; ++i) pull += equation_[i].effect_information * value[i];
-        const ColumnVector all =
-            inverse(equation_[0].effect_information + equation_[1].effect_information) * pull;
+        const ColumnVector all = joined(
+            inverse(equation_[0].effect_information + equation_[1].effect_information), value[0], value[1]);
         for (int j = 0; j < columns_; ++j) {
             const ColumnPlace place = places_[static_cast<std::size_t>(j)];
             const Real error = estimate_.effects_standard_error.parameter[place.effect][place.parameter];
@@ -630,6 +628,14 @@ class DynamicsEstimator {
         e.k6_per_m = std::sqrt(widened * b * (a + relation) / all) / std::abs(unit_m2);
     }
 
+    // What both equations know of the effects' parameters, each from what it finds; `spread`: the inverse of
+    // the sum of both informations.
+    ColumnVector joined(const ColumnMatrix& spread, const ColumnVector& by_linear,
+                        const ColumnVector& by_turning) const {
+        return spread *
+               (equation_[0].effect_information * by_linear + equation_[1].effect_information * by_turning);
+    }
+
     void publish_effects() {
         if (columns_ == 0) return;
         const ColumnMatrix& one = equation_[0].effect_information;
@@ -637,7 +643,7 @@ class DynamicsEstimator {
         const double prior = equation_[0].prior_information + equation_[1].prior_information;
         if (!(prior > 0)) return;
         const ColumnMatrix spread = inverse(one + other);
-        const ColumnVector value = spread * (one * equation_[0].effect + other * equation_[1].effect);
+        const ColumnVector value = joined(spread, equation_[0].effect, equation_[1].effect);
         const ColumnMatrix covariance =
             spread *
             (one * equation_[0].effect_covariance * one + other * equation_[1].effect_covariance * other) *

@@ -59,6 +59,8 @@ class EncoderLoopLag {
 template <typename Real>
 class ThroughEncoderLoop {
   public:
+    // `lag_s`: 1 / b; 0 or less than two loop periods: the loop follows at once. A cycle is a whole number of
+    // loop periods; with `loop_period_s` 0 nothing is done to a torque.
     void configure(double lag_s, double loop_period_s, double cycle_s) {
         const double follows = lag_s > 0 ? std::min(1.0, 2 * loop_period_s / lag_s) : 1.0;
         const double turns = follows * follows / 4;

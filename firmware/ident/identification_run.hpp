@@ -60,6 +60,7 @@ class IdentificationRun {
         delay_ = {};
         sizing_ = {};
         watch_ = {};
+        loop_ = {};
         signs_agree_ = false;
         signs_known_ = !options.probe;
         mirrored_ = pose;

@@ -6,8 +6,8 @@
 //   forward    both wheels forward with a moderate torque, then the same torque backwards until it stands
 //   turning    the same in place: rough K7 and K8, friction, how the wheels act on each other, and what
 //              speed does (speed_witness.hpp)
-//   brisk      where that does not tell whether one that seems to be alone is on the floor: forward and
-//              turning once more, as fast as may be
+//   brisk      where that does not tell whether one wheel goes backwards, or whether one that seems to be
+//              alone is on the floor: forward and turning once more, as fast as may be
 //   pulses     short pulses, half and whole amplitude, forward: does the whole one give twice as much?
 //
 // A constant torque makes a parabola of the wheel's angle, whatever the noise of single samples; between a

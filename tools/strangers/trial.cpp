@@ -223,6 +223,13 @@ std::string end_of(const Simulation& sim) {
     return std::string(to_string_view(run.cause()));
 }
 
+SimulationOptions simulation_options(const DrawnRobot& robot) {
+    SimulationOptions options;
+    options.seed = robot.simulation_seed;
+    options.world = world_options(robot.truth.simulation, options.seed);
+    return options;
+}
+
 model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant) {
     const auto& drive = robot.truth.parameters.drive;
     const model::Geometry<double>& file = robot.believed.parameters.geometry;
@@ -256,9 +263,7 @@ RobotResult run_trial(const DrawnRobot& robot, const TrialOptions& options) {
     RobotResult result;
     result.robot = robot;
     try {
-        SimulationOptions settings;
-        settings.seed = robot.simulation_seed;
-        settings.world = world_options(robot.truth.simulation, settings.seed);
+        SimulationOptions settings = simulation_options(robot);
         settings.log_path = options.log_path;
         Simulation sim(robot.believed.parameters, robot.truth.parameters, settings);
         if (sim.log_failed()) throw std::runtime_error("cannot write " + options.log_path);

@@ -80,6 +80,9 @@ struct RobotResult {
 // why it never began.
 std::string end_of(const Simulation& sim);
 
+// What simulates this robot: its encoders, drives and external pose, with its own seed.
+SimulationOptions simulation_options(const DrawnRobot& robot);
+
 // K5..K8 as an observer with the file's geometry sees them: what omega^2, v omega and a torque do in their
 // own direction. Exact for unlike wheels and gains, and with a load beside the middle.
 model::Dynamics<double> seen_truth(const DrawnRobot& robot, const sim::PlantParameters& plant);

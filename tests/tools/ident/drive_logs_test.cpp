@@ -180,6 +180,13 @@ TEST(DriveLogs, TheLogTellsWhatTheFirmwareFoundAndWhatTheRobotIs) {
     DOUBLES_EQUAL(r.loop_rad_per_s, 1 / tools::read_drive_log(anew.path, believed().robot).encoder_lag_s.left,
                   0.03 * r.loop_rad_per_s);
 
+    // The same order to a drive that has not counted far is nobody's of this firmware: no angle moves.
+    std::string ordered(good.front().substr(0, good.front().find('#') - 3));
+    ordered.append("039#00000000\n").append(text);
+    const TemporaryFile near(ordered);
+    const Findings of_near = identify(near.path);
+    for (std::size_t i = 0; i < 4; ++i) DOUBLES_EQUAL(f.k[i].value, of_near.k[i].value, 0);
+
     // Two seconds torn out: the rest counts, and the place is named.
     Lines gap;
     const double cut = seconds(good.front()) + r.online.duration_s / 2;

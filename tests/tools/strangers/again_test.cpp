@@ -17,10 +17,7 @@ TEST(Again, a_second_identification_finds_what_the_first_one_did) {
     int compared = 0;
     for (int number = 1; number <= 12; ++number) {
         const DrawnRobot robot = draw_robot(590, number);
-        SimulationOptions settings;
-        settings.seed = robot.simulation_seed;
-        settings.world = world_options(robot.truth.simulation, settings.seed);
-        Simulation sim(robot.believed.parameters, robot.truth.parameters, settings);
+        Simulation sim(robot.believed.parameters, robot.truth.parameters, simulation_options(robot));
         sim.run_for(0.5);
         if (!identify(sim).succeeded) continue;
         const model::RobotParameters first = sim.parameters();

@@ -18,9 +18,7 @@ namespace {
 
 // Drives goals around the robot; the worst of each figure. False: it was not identified.
 bool drive_goals(const DrawnRobot& robot) {
-    SimulationOptions settings;
-    settings.seed = robot.simulation_seed;
-    settings.world = world_options(robot.truth.simulation, settings.seed);
+    SimulationOptions settings = simulation_options(robot);
     settings.world.external_pose_rate_Hz = 20;  // odometry's drift is not the question
     model::RobotParameters believed = robot.believed.parameters;
     believed.pose_control = model::default_parameters().pose_control;

@@ -17,9 +17,7 @@ TEST(Pace, a_figure_eight_beyond_the_limits_is_driven_within_them_on_its_path_an
     int driven = 0;
     for (int number = 1; number <= 12; ++number) {
         const DrawnRobot robot = draw_robot(31, number);
-        SimulationOptions settings;
-        settings.seed = robot.simulation_seed;
-        settings.world = world_options(robot.truth.simulation, settings.seed);
+        SimulationOptions settings = simulation_options(robot);
         // A camera for all: odometry's drift is not the question.
         settings.world.external_pose_rate_Hz = 20;
         Simulation sim(robot.believed.parameters, robot.truth.parameters, settings);
