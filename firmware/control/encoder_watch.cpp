@@ -59,18 +59,18 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad)};
 }
 
-void EncoderWatch::rest(const WheelPair<double>& angle_rad) {
+void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     wheels_ = {};
-    wheels_[0].angle_rad = angle_rad.left;
-    wheels_[1].angle_rad = angle_rad.right;
+    wheels_[0].told = told[0];
+    wheels_[1].told = told[1];
     instants_known_ = cycles_ = 0;
     against_cycles_ = against_push_cycles_ = {};
     mirrored_ = false;
 }
 
-bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
-                          const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
-                          const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known) {
+bool EncoderWatch::update(Real elapsed_s, const std::array<EncoderAngle, 2>& told,
+                          const WheelObserver<Real>& observer, const WheelPair<Real>& torque_Nm,
+                          const PlantModel<Real>& plant, bool model_known) {
     const WheelPair<Real>& speed = observer.motion().wheel_speed_rad_per_s;
     const WheelPair<Real>& expected = observer.expected_acceleration();
     expected_rad_per_s_.left += elapsed_s * expected.left;
@@ -81,8 +81,8 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
     const WheelPair<Real> unexplained = observer.unexplained_acceleration();
     const Real friction_Nm = settings_.known_friction_Nm;
     if (friction_Nm > 0) remember_changes(elapsed_s, torque_Nm, plant);
-    const bool left = still(wheels_[0], angle_rad.left, told_ns[0], {speed.left, unexplained.left});
-    const bool right = still(wheels_[1], angle_rad.right, told_ns[1], {speed.right, unexplained.right});
+    const bool left = still(wheels_[0], told[0], {speed.left, unexplained.left});
+    const bool right = still(wheels_[1], told[1], {speed.right, unexplained.right});
     if (!left && !right) return false;
     const auto& radius_m = plant.geometry.wheel_radius_m;
     // A body that turns pulls at its wheels: that alone may hold one against full torque.
@@ -102,14 +102,18 @@ bool EncoderWatch::update(Real elapsed_s, const WheelPair<double>& angle_rad,
     return left_lies || right_lies;
 }
 
-// Whether the angle is the same as before.
-bool EncoderWatch::still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now) {
-    if (angle_rad == wheel.angle_rad) {
-        wheel.unseen.frames += told_ns != wheel.told_ns;
-        wheel.told_ns = told_ns;
+// Whether the angle is the same as before, as far as it is known behind the drive's loop; or what is told is.
+// What that loop still shows of the motion fades in the first frames.
+bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& now) {
+    const double unsure_rad = std::max(told.unsure_rad, wheel.told.unsure_rad);
+    if (told.position_rad == wheel.told.position_rad ||
+        std::abs(told.angle_rad - wheel.told.angle_rad) <= unsure_rad) {
+        wheel.unseen.frames += told.time_ns != wheel.told.time_ns;
+        wheel.told.time_ns = told.time_ns;
+        if (wheel.unseen.frames <= kFrames) wheel.told = told;
         return true;
     }
-    wheel.angle_rad = angle_rad;
+    wheel.told = told;
     wheel.unseen.frames = -1;
     if (++wheel.history_age >= kHistoryCycles) {
         wheel.before = wheel.lately;

@@ -56,12 +56,11 @@ class EncoderWatch {
     void configure(const EncoderWatchSettings& settings) { settings_ = settings; }
 
     // Nothing drives: forgets, the wheels may be anywhere.
-    void rest(const WheelPair<double>& angle_rad);
+    void rest(const std::array<EncoderAngle, 2>& told);
 
-    // A cycle in which torques were sent. `angle_rad` as the drives told them last, `told_ns` when.
+    // A cycle in which torques were sent.
     // `model_known`: the plant's K7 and K8 are no guess. True: an encoder is not to be believed.
-    bool update(Real elapsed_s, const WheelPair<double>& angle_rad,
-                const std::array<std::int64_t, 2>& told_ns, const WheelObserver<Real>& observer,
+    bool update(Real elapsed_s, const std::array<EncoderAngle, 2>& told, const WheelObserver<Real>& observer,
                 const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known);
 
     // Where the cycle has time for it, after update(): about 200 instructions once in a span.
@@ -87,8 +86,7 @@ class EncoderWatch {
         int pushed_cycles{};
     };
     struct Wheel {
-        double angle_rad = 0;
-        std::int64_t told_ns = 0;
+        EncoderAngle told;  // when it changed last, and some frames after; the time: of the newest
         Unseen unseen;
         Motion before, lately;  // 16 to 32 cycles ago, and up to 16; of those in which the angle changed
         int history_age = 0;
@@ -105,7 +103,7 @@ class EncoderWatch {
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, double angle_rad, std::int64_t told_ns, const Motion& now);
+    static bool still(Wheel& wheel, const EncoderAngle& told, const Motion& now);
     Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_rad_per_s2) const;
     void remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant);
     void push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling, Real gain_rad_per_s) const;

@@ -33,16 +33,11 @@ inline double accelerating_Nm(const model::RobotParameters& from) {
 // - encoders: what is left of their noise in the true speed, after a loop that settles in t,
 //   r sigma sqrt(T) (4.6 / t)^1.5, shall be 0.6 % of a step that the torque can give in t, 0.3 t a, with a by
 //   what dry friction leaves of the torque, at a wheel's rim, forward or turning, whichever is less;
-// - the drives' encoder loops: what they report follows the wheel with their bandwidth b, and the observer
-//   takes it for the wheel. A loop needs twenty times 1 / b to settle as it is designed: with
-//   sixteen in this place the steps of 6 % of `wheelwright robots --seed 370011 --count 100` (100 to 2000
-//   rad/s) are off, with eighteen none;
 // - fifty cycles, so that a loop is seen as continuous.
 // The observer is 2.7 times as fast as a loop that settles so (12.5 / 4.6): with that the default robot has
 // 55 degrees of phase margin (`wheelwright demo`).
 inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from, double cycle_s) {
     constexpr double kSettlingPerDelay = 14;
-    constexpr double kSettlingPerLag = 20;
     constexpr double kFewestCycles = 50;
     constexpr double kObserverPerSettling = 12.5;
     constexpr double kRippleShare = 0.006;
@@ -61,8 +56,7 @@ inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from,
                              std::pow(Real(kTimeConstantsToOnePercent), Real(1.5));
         const double by_noise_s =
             std::pow(Real(noise / (kRippleShare * kStepShare * acceleration_m_per_s2)), Real(0.4));
-        speed.settling_time_s =
-            std::max({kFewestCycles * cycle_s, by_delay_s, by_noise_s, kSettlingPerLag * loop.encoder_lag_s});
+        speed.settling_time_s = std::max({kFewestCycles * cycle_s, by_delay_s, by_noise_s});
     }
     if (loop.observer_bandwidth_rad_per_s <= 0)
         speed.observer_bandwidth_rad_per_s = kObserverPerSettling / speed.settling_time_s;

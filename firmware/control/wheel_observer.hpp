@@ -28,17 +28,12 @@
 #include <cstdint>
 #include <cstdlib>
 
+#include "firmware/control/encoder_loop.hpp"
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/control/velocity_loop_speed.hpp"
 #include "firmware/model/types.hpp"
 
 namespace wheelwright::control {
-
-struct EncoderSample {
-    double position_rad = 0;     // wheel angle, unwrapped
-    double speed_rad_per_s = 0;  // the drive's own estimate; used only to start
-    std::int64_t time_ns = 0;    // receive time stamp; 0: none yet. A repeated time is the same sample
-};
 
 // Gains on the innovation. The filter x' = x + T v + T^2/2 a, v' = v + T a, a' = a with corrections g e, h e
 // / T, k e / T^2 has the characteristic polynomial
@@ -104,7 +99,7 @@ class WheelObserver {
     }
 
     // Advances to now_ns, the cycle's instant. Call once in each cycle, before torque_sent(). Samples not
-    // newer than the last are ignored.
+    // newer than the last are ignored; of their speeds only the first is used.
     void update(std::int64_t now_ns, const EncoderSample& left, const EncoderSample& right,
                 const PlantModel<Real>& plant) {
         const Real dt = last_ns_ == 0 ? settings_.cycle_s : seconds(now_ns - last_ns_);
@@ -134,6 +129,11 @@ class WheelObserver {
     void torque_sent(const WheelPair<Real>& torque_Nm) {
         newest_torque_ = newest_torque_ == 0 ? kTorqueMemory - 1 : newest_torque_ - 1;
         torque_[newest_torque_] = torque_Nm;
+    }
+
+    // Samples come by another clock from now on.
+    void begin_new_clock() {
+        for (Wheel& wheel : wheels_) wheel.new_clock = true;
     }
 
     // True once each wheel has been heard.
@@ -212,6 +212,7 @@ class WheelObserver {
         bool heard = false;
         bool lost = false;   // begins anew with the next sample
         bool stuck = false;  // by dry friction, as predicted
+        bool new_clock = false;
 
         void advance(Real acceleration, Real dt) {
             angle += dt * (speed + acceleration * dt / 2);
@@ -413,7 +414,8 @@ class WheelObserver {
         const std::int64_t periods = std::max<std::int64_t>((since + period_ns_ / 4) / period_ns_, 1);
         const std::int64_t off = since - periods * period_ns_;
         wheel.strange_samples = std::abs(off) > period_ns_ * 9 / 20 ? wheel.strange_samples + 1 : 0;
-        if (restart || wheel.strange_samples > lost_samples) {
+        if (restart || wheel.new_clock || wheel.strange_samples > lost_samples) {
+            wheel.new_clock = false;
             wheel.smoothed_ns = time_ns;
             wheel.count = 0;  // the samples before bear another clock's times
             wheel.off_sum_ns = 0;

@@ -97,7 +97,7 @@ class DelayEstimator {
     static constexpr int kTaps = 4;
     static constexpr double kTapSpacing_s = 0.002;
     static constexpr double kLongestFurther_s = 0.008;
-    static constexpr double kLongestKernel_s = 0.0285;
+    static constexpr double kLongestKernel_s = 0.04;
     static constexpr int kTap = 2;  // the first, behind the velocity product and the mirrored one
     static constexpr int kCrossTorque = kTap + kTaps;
     static constexpr int kFixed = kCrossTorque + 1;

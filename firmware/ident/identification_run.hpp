@@ -21,7 +21,6 @@
 
 #include "firmware/ident/delay_estimator.hpp"
 #include "firmware/ident/dynamics_estimator.hpp"
-#include "firmware/ident/encoder_loop.hpp"
 #include "firmware/ident/excitation.hpp"
 #include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/probe.hpp"
@@ -43,8 +42,7 @@ struct IdentificationOptions {
     bool probe = false;
     ProbeOptions probing;
     SizingRequest sizing;
-    double encoder_loop_period_s{};  // of the drives (encoder_loop.hpp)
-    Real overshoot = Real(1.3);      // of a limit at which the run stops
+    Real overshoot = Real(1.3);  // of a limit at which the run stops
 };
 
 template <typename Real>
@@ -60,7 +58,6 @@ class IdentificationRun {
         delay_ = {};
         sizing_ = {};
         watch_ = {};
-        loop_ = {};
         signs_agree_ = false;
         signs_known_ = !options.probe;
         mirrored_ = pose;
@@ -87,19 +84,17 @@ class IdentificationRun {
                          const ProbeSample& senses = {}) {
         if (finished()) return {};
         ++cycles_;
-        encoder_lag_s_ = senses.encoder_lag_s;
         if (!signs_known_) follow_mirrored(velocity);
         if (state_ == IdentState::probing) return step_probe(pose, velocity, senses);
         watch_reports(sample.last_torque_Nm, senses);
         if (finished()) return {};
-        const IdentSample<Real> reported = through_encoder_loops(sample);
         if (state_ == IdentState::measuring_delay) {
             auto& delay_estimator = *std::get_if<DelayEstimator<Real>>(&stage_);
-            delay_estimator.push(reported);
+            delay_estimator.push(sample);
             ++delay_cycles_;
             if (delay_cycles_ >= next_look_) look_at_delay(delay_estimator);
         } else if (auto& estimator = *std::get_if<DynamicsEstimator<Real>>(&stage_);
-                   choose_level(estimator), estimator.push(reported)) {
+                   choose_level(estimator), estimator.push(sample)) {
             if (errors_known()) look_at_signs(estimator.coupling_terms());
             if (!finished()) look_at_wheels(estimator);
             if (!finished() && look_at_gains()) return {};
@@ -150,8 +145,6 @@ class IdentificationRun {
         return probe != nullptr ? probe->findings() : found_;
     }
     const Sizing& sizing() const { return sizing_; }
-    // Of the drives' encoder loops, as it was told last.
-    const WheelPair<double>& encoder_lag_s() const { return encoder_lag_s_; }
     const IdentificationOptions<Real>& options() const { return options_; }
     double elapsed_s() const { return cycles_ * options_.excitation.sample_time_s; }
     // So long it goes on although it is good enough, for it still gets better.
@@ -271,21 +264,7 @@ class IdentificationRun {
         excite();
     }
 
-    // The torques as the drives' encoder loops show what they do.
-    IdentSample<Real> through_encoder_loops(const IdentSample<Real>& sample) {
-        IdentSample<Real> reported = sample;
-        reported.last_torque_Nm = {loop_[0].mean(sample.last_torque_Nm.left),
-                                   loop_[1].mean(sample.last_torque_Nm.right)};
-        return reported;
-    }
-    void set_encoder_loops() {
-        const double dt = options_.excitation.sample_time_s;
-        loop_[0].configure(encoder_lag_s_.left, options_.encoder_loop_period_s, dt);
-        loop_[1].configure(encoder_lag_s_.right, options_.encoder_loop_period_s, dt);
-    }
-
     void excite() {
-        set_encoder_loops();
         const double dt = options_.excitation.sample_time_s;
         delay_cycles_ = 0;
         if (options_.delay_phase_s > 0) {
@@ -300,7 +279,6 @@ class IdentificationRun {
         }
     }
     void estimate_from_here() {
-        set_encoder_loops();
         options_.estimator.filter.delay_s = static_cast<double>(delay_.delay_s);
         options_.estimator.lag_s = delay_.lag_s;
         options_.estimator.bit_time_s = static_cast<Real>(options_.excitation.bit_time_s);
@@ -509,8 +487,6 @@ class IdentificationRun {
     Excitation<Real> excitation_;
     DelayEstimate<Real> delay_{};
     Watch watch_{};
-    std::array<ThroughEncoderLoop<Real>, 2> loop_;
-    WheelPair<double> encoder_lag_s_;
     Pose<Real> start_{}, mirrored_{};
     Twist<Real> full_limits_{};  // once the signs are known
     std::uint32_t seed_ = 0;

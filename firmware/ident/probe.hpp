@@ -70,7 +70,6 @@ struct ProbeSample {
     std::array<bool, 2> report_is_new{};  // in this cycle
     bool pose_is_new = false;             // an external pose came
     Pose<double> pose;
-    WheelPair<double> encoder_lag_s;  // 1 / b of encoder_loop.hpp, as far as it is known by now; 0: none
 };
 
 struct ProbeFindings {
@@ -165,14 +164,9 @@ class Probe {
     static constexpr double kShortestPush_s = 0.03;
     static constexpr double kNeverStanding_s = 0.1;  // a robot that may drive at all goes millimetres in it
     static constexpr double kLongestPause_s = 1.5;
-    static constexpr double kStill_s = 0.25;    // at rest before the next stage; some external poses come
-    static constexpr double kSettle_s = 0.010;  // after a change of torque: delay and lag
-    // Where the drives' encoder loops are slow the delay, and then what their reports still show of the
-    // change: e^-4 (1 + 4), a tenth, of an acceleration times their lag squared.
-    static constexpr double kDelay_s = 0.006;
-    static constexpr double kLagsToSettle = 4;
-    static constexpr double kLongestLag_s = 0.02;  // slower ones no drive needs
-    static constexpr double kSpeedShare = 0.3;     // of the speed limit
+    static constexpr double kStill_s = 0.25;     // at rest before the next stage; some external poses come
+    static constexpr double kSettle_s = 0.010;   // after a change of torque: delay and lag
+    static constexpr double kSpeedShare = 0.3;   // of the speed limit
     static constexpr double kEitherShare = 0.5;  // of what holds in either reading: what a speed that is seen
                                                  // late goes beyond it is less than as much again
     static constexpr double kBriskShare = 0.9;   // of the same, where that is reckoned with,
@@ -252,7 +246,6 @@ class Probe {
     double stage_s() const { return stage_cycles_ * options_.sample_time_s; }
 
     void take(const ProbeSample& sample) {
-        encoder_lag_s_ = std::max(sample.encoder_lag_s.left, sample.encoder_lag_s.right);
         if (sample.usable) {
             const WheelPair<double> oldest = ring_[ring_at_ % kSpeedSpan];
             if (ring_at_ >= kSpeedSpan) {
@@ -370,7 +363,6 @@ class Probe {
             if (!found_.signs_known() && go_briskly()) return;
         }
         if (next == Stage::done) return end(IdentCause::none);
-        settle_s_ = std::max(kSettle_s, kDelay_s + kLagsToSettle * std::min(encoder_lag_s_, kLongestLag_s));
         if ((next == Stage::forward || next == Stage::turning) && next != stage_before_) {
             choose_push();
             pushes_ = 0;
@@ -440,19 +432,18 @@ class Probe {
         if (still_cycles_ * options_.sample_time_s > kNeverStanding_s)
             return end(IdentCause::left_wheel_does_not_turn);
         follow_until_stopped(v, fastest);
-        if (leg_s > settle_s_ && usable_) {
+        if (leg_s > kSettle_s && usable_) {
             if (rolls_[0]) fit_[leg_][0].add(leg_s, angle_.left);
             if (rolls_[1]) fit_[leg_][1].add(leg_s, angle_.right);
             compare_report(2 * kSettle_s);
-            if (leg_s > 2 * settle_s_) measure_noise();
+            if (leg_s > 2 * kSettle_s) measure_noise();
         }
         if (leg_ == 0) {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
             const bool quick = quick_cycles_ >= kQuickCycles;
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
                 ran_free_ = wheel_running_free();
-                if (leg_s <
-                    kShortestPush_s + settle_s_ - kSettle_s) {  // too quick to be seen: once more, gently
+                if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
                     if (gentle_ == kMostHalvings)
                         return end(ran_free_ != IdentCause::none ? ran_free_ : IdentCause::no_room);
                     push_Nm_ = std::max(push_Nm_ / 2,
@@ -467,7 +458,7 @@ class Probe {
                 torque_ = {-sense * sign_left * push_Nm_, -sense * push_Nm_};
                 return;
             }
-        } else if ((speed <= 0 && leg_s > 2 * settle_s_) || leg_s > 2 * went_s_ + kShortestPush_s) {
+        } else if ((speed <= 0 && leg_s > 2 * kSettle_s) || leg_s > 2 * went_s_ + kShortestPush_s) {
             return end_push(turning);
         }
         torque_ = {sense * sign_left * push_Nm_, sense * push_Nm_};
@@ -758,7 +749,6 @@ class Probe {
     WheelPair<double> left_changed_,
         right_changed_;  // both angles when this wheel's last changed, or was not pushed
     std::array<Mean, 2> answered_{};
-    double encoder_lag_s_ = 0, settle_s_ = kSettle_s;
     int pushes_ = 0, gentle_ = 0, quick_cycles_ = 0;
     IdentCause ran_free_ = IdentCause::none;  // in a push
     IdentCause alone_ = IdentCause::none;     // by all pushes

@@ -65,11 +65,13 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x0042, drive.left.gear_ratio, "", 8.0, 0.01, 1000.0, start, "left motor turns per wheel turn"),
     WW_REAL(0x0043, drive.left.torque_constant_Nm_per_A, "Nm/A", 0.0827, 1e-4, 100.0, start, "left motor torque constant"),
     WW_REAL(0x0044, drive.left.torque_scale, "", 1.0, 0.1, 10.0, idle, "left torque delivered over torque asked, as calibrated"),
+    WW_REAL(0x0045, drive.left.encoder_lag_s, "s", 0.0, 0.0, 0.02, idle, "1 / bandwidth of the loop in which the left drive follows its encoder; measured in ident mode, 0: not known"),
     WW_INTEGER(0x0048, drive.right.node, "", 2, 0, 62, start, "CAN node of the right drive"),
     WW_INTEGER(0x0049, drive.right.sign, "", 1, -1, 1, start, "1 or -1: direction of the right motor"),
     WW_REAL(0x004A, drive.right.gear_ratio, "", 8.0, 0.01, 1000.0, start, "right motor turns per wheel turn"),
     WW_REAL(0x004B, drive.right.torque_constant_Nm_per_A, "Nm/A", 0.0827, 1e-4, 100.0, start, "right motor torque constant"),
     WW_REAL(0x004C, drive.right.torque_scale, "", 1.0, 0.1, 10.0, idle, "right torque delivered over torque asked, as calibrated"),
+    WW_REAL(0x004D, drive.right.encoder_lag_s, "s", 0.0, 0.0, 0.02, idle, "1 / bandwidth of the loop in which the right drive follows its encoder; measured in ident mode, 0: not known"),
 
     WW_INTEGER(0x0050, realtime.priority, "", 80, 1, 99, start, "SCHED_FIFO priority of the cycle's thread"),
     WW_INTEGER(0x0051, realtime.cpu, "", -1, -1, 1023, start, "processor the cycle's thread is bound to; -1: any"),
@@ -124,7 +126,6 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
     WW_REAL(0x00C6, velocity_loop.actuation_delay_s, "s", 0.002, 0.0, 0.02, idle, "delay from the cycle's start to the torque's centroid; measured in ident mode"),
     WW_REAL(0x00C7, velocity_loop.observer_bandwidth_rad_per_s, "rad/s", 0.0, 5.0, 2000.0, idle, "bandwidth of the wheel speed observer; auto: 12.5 over the settling time"),
     WW_REAL(0x00C8, velocity_loop.angle_noise_rad, "rad", 0.0, 0.0, 0.1, idle, "noise of a wheel's angle; measured in ident mode, 0: not known"),
-    WW_REAL(0x00C9, velocity_loop.encoder_lag_s, "s", 0.0, 0.0, 0.1, idle, "of the drives' encoder loops: 1 / bandwidth, of the slower one; measured in ident mode, 0: not known"),
 
     WW_REAL(0x00D0, pose_control.gamma1, "1/s", 0.0, 0.05, 10.0, idle, "gain on distance, eq (82); auto: a third of gamma2"),
     WW_REAL(0x00D1, pose_control.gamma2, "1/s", 0.0, 0.05, 20.0, idle, "gain on the bearing error, eq (83); auto: a twelfth of the velocity loops' rate, lower where yaw acceleration is scarce"),

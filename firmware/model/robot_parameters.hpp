@@ -31,7 +31,8 @@ struct DriveParameters {
     std::int32_t sign{};  // +1 or -1: the motor's positive direction drives the robot forward or back
     double gear_ratio{};  // motor turns per wheel turn
     double torque_constant_Nm_per_A{};
-    double torque_scale{};  // wheel torque delivered per wheel torque asked
+    double torque_scale{};   // wheel torque delivered per wheel torque asked
+    double encoder_lag_s{};  // encoder_loop.hpp
 };
 
 struct RobotParameters {
@@ -80,7 +81,7 @@ struct RobotParameters {
     struct {
         LoopDesignMethod method;
         double settling_time_s, damping, setpoint_weight, phase_margin_deg, sensitivity_peak,
-            actuation_delay_s, observer_bandwidth_rad_per_s, angle_noise_rad, encoder_lag_s;
+            actuation_delay_s, observer_bandwidth_rad_per_s, angle_noise_rad;
     } velocity_loop{};
     struct {
         double gamma1, gamma2, lambda_ratio, speed_m_per_s, yaw_rate_rad_per_s, stop_radius_m, rearm_radius_m,

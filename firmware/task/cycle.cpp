@@ -70,7 +70,7 @@ std::array<std::span<std::byte>, 8> Cycle::memory() {
 void Cycle::configure() {
     control_.configure(parameters_);
     rough_model_ = false;
-    senses_.configure(parameters_);
+    senses_.configure(parameters_, ports_.left.ratings().encoder_loop_period_s);
     drive_limits_.configure(parameters_, ports_.left.ratings());
     judge_.configure();
     supervisor_.set_ramp_limit(ramp_limit_cycles(parameters_));
@@ -172,16 +172,13 @@ supervisor::Conditions Cycle::judge(const Observed& seen, const HostEvents& even
 
 // Of a robot that nobody knows yet, the probe says why a wheel does not turn.
 bool Cycle::encoder_implausible(const Observed& seen) {
-    const drivers::DriveFeedback& left = ports_.left.feedback();
-    const drivers::DriveFeedback& right = ports_.right.feedback();
-    const WheelPair<double> angle_rad{left.position_rad, right.position_rad};
     if (supervisor_.owner() == Owner::nobody) {
-        encoder_watch_.rest(angle_rad);
+        encoder_watch_.rest(*seen.encoder);
         return false;
     }
     if (identifying() && !may_brake()) return false;
-    return encoder_watch_.update(seen.elapsed_s, angle_rad, {left.encoder_time_ns, right.encoder_time_ns},
-                                 senses_.observer(), seen.last_torque_Nm, control_.plant(), may_brake());
+    return encoder_watch_.update(seen.elapsed_s, *seen.encoder, senses_.observer(), seen.last_torque_Nm,
+                                 control_.plant(), may_brake());
 }
 
 // What the host asks, and who may drive now.
@@ -290,6 +287,8 @@ MotionOutput Cycle::decide(const supervisor::Verdict& verdict, const Observed& s
     if (verdict.owner == Owner::law && mode.law == Law::excitation) {
         output.torque_Nm = learning_.identify(seen, {&ports_.left.feedback(), &ports_.right.feedback()});
         if (!may_brake() && learning_.probed()) use_rough_model();
+        if (learning_.run().state() == ident::IdentState::probing)
+            senses_.set_encoder_lag(learning_.encoder_lag_s());
     } else if (verdict.owner == Owner::law) {
         output = control_.torque(mode, seen, host_);
     } else if (verdict.owner == Owner::brake) {

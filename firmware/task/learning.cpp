@@ -54,9 +54,10 @@ double chosen(double asked, double standard) { return asked > 0 ? asked : standa
 void Learning::start_identification(const model::RobotParameters& p, const protocol::IdentSettings& settings,
                                     double encoder_loop_period_s, const Observed& now) {
     encoder_period_s_ = 1e-3 * p.drive.encoder_period_ms;
+    encoder_loop_period_s_ = encoder_loop_period_s;
     encoder_lag_ = {};
+    filed_encoder_lag_s_ = {p.drive.left.encoder_lag_s, p.drive.right.encoder_lag_s};
     ident::IdentificationOptions<Real> options;
-    options.encoder_loop_period_s = encoder_loop_period_s;
     ident::SizingRequest& sizing = options.sizing;
     sizing.amplitude_Nm = chosen(settings.amplitude_Nm, p.ident.amplitude_Nm);
     sizing.bit_time_s = chosen(1e-3 * settings.bit_time_ms, p.ident.bit_time_s);
@@ -114,14 +115,18 @@ WheelPair<Real> Learning::identify(const Observed& seen,
     for (std::size_t i = 0; i < 2; ++i) {
         senses.report_is_new[i] = feedback[i]->torque_time_ns != report_ns_[i];
         report_ns_[i] = feedback[i]->torque_time_ns;
-        encoder_lag_[i].take(feedback[i]->position_rad, feedback[i]->speed_rad_per_s,
-                             feedback[i]->encoder_time_ns, encoder_period_s_);
+        encoder_lag_[i].take(encoder_sample(*feedback[i]), encoder_period_s_);
     }
-    const double period_s = run_.options().encoder_loop_period_s;
-    senses.encoder_lag_s = {encoder_lag_[0].lag_s(period_s), encoder_lag_[1].lag_s(period_s)};
     senses.pose_is_new = seen.external_pose != nullptr;
     if (senses.pose_is_new) senses.pose = *seen.external_pose;
     return run_.step(seen.sample, seen.pose, seen.motion.twist, senses);
+}
+
+WheelPair<double> Learning::encoder_lag_s() const {
+    const auto lag_s = [this](std::size_t drive, double filed_s) {
+        return encoder_lag_[drive].lag_s(encoder_loop_period_s_, encoder_period_s_, filed_s);
+    };
+    return {lag_s(0, filed_encoder_lag_s_.left), lag_s(1, filed_encoder_lag_s_.right)};
 }
 
 model::Dynamics<Real> Learning::probed_dynamics() const {
@@ -181,8 +186,9 @@ void Learning::record(ParameterService& service, model::RobotParameters& live) c
         put("velocity_loop.actuation_delay_s",
             run_.delay().delay_s - sample_age_s_ - model::effects_delay_s(live.effects));
     put("velocity_loop.angle_noise_rad", run_.findings().angle_noise_rad);
-    const WheelPair<double>& lag_s = run_.encoder_lag_s();
-    put("velocity_loop.encoder_lag_s", std::max(lag_s.left, lag_s.right));
+    const WheelPair<double> lag_s = encoder_lag_s();
+    put("drive.left.encoder_lag_s", lag_s.left);
+    put("drive.right.encoder_lag_s", lag_s.right);
     // The others are as the file has them, or have just been recorded.
     const std::array<bool, model::kEffectCount> estimated = model::estimated_effects(e.effects.active);
     const model::EffectSet<Real> effects = run_.effects_beside(found);

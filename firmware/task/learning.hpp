@@ -7,6 +7,7 @@
 #include <array>
 #include <cstdint>
 
+#include "firmware/control/encoder_loop.hpp"
 #include "firmware/control/feedback_linearisation.hpp"
 #include "firmware/ident/adaptive_estimator.hpp"
 #include "firmware/ident/identification_run.hpp"
@@ -45,6 +46,8 @@ class Learning {
     // The excitation's torque. `feedback`: of both drives, left and right.
     WheelPair<Real> identify(const Observed& seen,
                              const std::array<const drivers::DriveFeedback*, 2>& feedback);
+    // 1 / b of the drives' encoder loops, as far as their reports have told it by now; before, by the file.
+    WheelPair<double> encoder_lag_s() const;
     bool identification_finished() const { return run_.finished(); }
     // K7 and K8 are known. K5 and K6 too: identification().coupling_known().
     bool identification_succeeded() const { return run_.state() == ident::IdentState::done; }
@@ -94,8 +97,9 @@ class Learning {
     bool was_long_ = false;
     int adapted_since_ = 0;  // cycles that a new model waits for the controllers; 0: none does
     std::array<std::int64_t, 2> report_ns_{};  // of the drives' newest torque reports
-    std::array<ident::EncoderLoopLag, 2> encoder_lag_;
-    double encoder_period_s_ = 0;
+    std::array<control::EncoderLoopLag, 2> encoder_lag_;
+    WheelPair<double> filed_encoder_lag_s_;
+    double encoder_period_s_ = 0, encoder_loop_period_s_ = 0;
 };
 
 }  // namespace wheelwright::task

@@ -4,18 +4,32 @@
 
 namespace wheelwright::task {
 
-void Senses::configure(const model::RobotParameters& parameters) {
+void Senses::configure(const model::RobotParameters& parameters, double encoder_loop_period_s) {
     observer_.configure(control::wheel_observer_settings<Real>(parameters, Real(kCyclePeriod_s)));
     odometry_.configure(control::odometry_settings<Real>(parameters));
     slip_limit_rad_per_s_ = SlipWatch::limit_rad_per_s(parameters);
     sample_age_ns_ = static_cast<std::int64_t>(sample_age_s(parameters) * 1e9);
+    encoder_loop_period_s_ = encoder_loop_period_s;
+    encoder_period_s_ = 1e-3 * parameters.drive.encoder_period_ms;
+    set_encoder_lag({parameters.drive.left.encoder_lag_s, parameters.drive.right.encoder_lag_s});
+}
+
+void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
+    const std::array<double, 2> lags_s{lag_s.left, lag_s.right};
+    for (std::size_t i = 0; i < loop_.size(); ++i) {
+        const bool before = loop_[i].undone();
+        loop_[i].configure(lags_s[i], encoder_loop_period_s_, encoder_period_s_);
+        if (loop_[i].undone() != before) observer_.begin_new_clock();
+    }
 }
 
 Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plant) {
-    const auto sample = [](const drivers::DriveFeedback& f) {
-        return control::EncoderSample{f.position_rad, f.speed_rad_per_s, f.encoder_time_ns};
+    const auto angle = [this](std::size_t i, const drivers::DriveFeedback& f) {
+        const control::EncoderSample sample = loop_[i].sample(encoder_sample(f));
+        encoder_[i] = {f.position_rad, sample.position_rad, loop_[i].unsure_rad(), sample.time_ns};
+        return sample;
     };
-    observer_.update(told.now_ns, sample(told.left), sample(told.right), plant);
+    observer_.update(told.now_ns, angle(0, told.left), angle(1, told.right), plant);
     odometry_.advance(plant.geometry, observer_.turned_rad(), told.now_ns);
     if (told.external_pose != nullptr) {
         odometry_.fuse(*told.external_pose);
@@ -32,6 +46,7 @@ Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plan
     seen.last_torque_Nm = seen.sample.last_torque_Nm = told.sent_torque_Nm;
     seen.angles_known = observer_.angles_at(told.now_ns - sample_age_ns_, sampled_rad_) && told.in_a_row;
     seen.sample.angle_rad = sampled_rad_;
+    seen.encoder = &encoder_;
     seen.encoder_taken_ns = observer_.taken_ns();
     if (encoder_speed_.step()) {
         encoder_speed_.look(observer_.taken_rad(), seen.encoder_taken_ns);

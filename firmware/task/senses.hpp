@@ -7,6 +7,7 @@
 #include <cstdint>
 
 #include "drivers/motor_drive.hpp"
+#include "firmware/control/encoder_loop.hpp"
 #include "firmware/control/encoder_speed.hpp"
 #include "firmware/control/odometry.hpp"
 #include "firmware/control/wheel_observer.hpp"
@@ -37,15 +38,22 @@ struct Observed {
     // For the estimators: the wheels' angles some cycles ago, by the encoders alone.
     ident::IdentSample<Real> sample;
     bool angles_known = false;
+    const std::array<control::EncoderAngle, 2>* encoder = nullptr;  // the newest
     std::array<std::int64_t, 2> encoder_taken_ns{};  // receive times of the newest samples that were believed
     const control::EncoderSpeed* encoder_speed = nullptr;  // that is of this cycle
     bool slipping = false;
     const Pose<Real>* external_pose = nullptr;
 };
 
+inline control::EncoderSample encoder_sample(const drivers::DriveFeedback& f) {
+    return {f.position_rad, f.speed_rad_per_s, f.encoder_time_ns};
+}
+
 class Senses {
   public:
-    void configure(const model::RobotParameters& parameters);
+    void configure(const model::RobotParameters& parameters, double encoder_loop_period_s);
+    // 1 / b of the drives' encoder loops (encoder_loop.hpp); configure() takes them from the parameters.
+    void set_encoder_lag(const WheelPair<double>& lag_s);
     // Once in each cycle, before torque_sent().
     Observed observe(const Told& told, const control::PlantModel<Real>& plant);
     void torque_sent(const WheelPair<Real>& torque_Nm) { observer_.torque_sent(torque_Nm); }
@@ -60,6 +68,9 @@ class Senses {
     }
 
   private:
+    std::array<control::EncoderBehindLoop, 2> loop_;
+    std::array<control::EncoderAngle, 2> encoder_;
+    double encoder_loop_period_s_ = 0, encoder_period_s_ = 0;
     control::WheelObserver<Real> observer_;
     control::EncoderSpeed encoder_speed_;
     control::Odometry<Real> odometry_;

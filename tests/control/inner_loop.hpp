@@ -1,6 +1,10 @@
 // The controllers' inner loop as a cycle runs it: observer, velocity loop, torques out. Test support.
 #pragma once
 
+#include <array>
+#include <cstdint>
+
+#include "firmware/control/encoder_loop.hpp"
 #include "firmware/control/loop_design.hpp"
 #include "firmware/control/velocity_loop.hpp"
 #include "firmware/control/wheel_observer.hpp"
@@ -42,6 +46,13 @@ struct InnerLoop {
         robot.cycle(double(torque.left), double(torque.right));
     }
 };
+
+// Angles that no drive's loop stands before.
+inline std::array<wheelwright::control::EncoderAngle, 2> told_angles(
+    const wheelwright::WheelPair<double>& angle_rad, const std::array<std::int64_t, 2>& time_ns) {
+    return {
+        {{angle_rad.left, angle_rad.left, 0, time_ns[0]}, {angle_rad.right, angle_rad.right, 0, time_ns[1]}}};
+}
 
 // The notes' robot in the controller's eyes.
 inline wheelwright::model::RobotParameters notes_robot() {

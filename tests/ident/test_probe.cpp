@@ -449,8 +449,7 @@ IdentCause probed(int frozen, double from_Nm, int* pushed = nullptr) {
             const bool lies = is_frozen && (static_cast<int>(i) == frozen || frozen == kBoth);
             if (!lies) told_rad[i] = angle_rad[i] + noise(random);
         }
-        const WheelPair<double> wanted =
-            probe.step({{told_rad[0], told_rad[1]}, true, {}, {}, false, {}, {}});
+        const WheelPair<double> wanted = probe.step({{told_rad[0], told_rad[1]}, true, {}, {}, false, {}});
         torque_Nm = {wanted.left, wanted.right};
         if (pushed != nullptr && is_frozen && wanted.left != 0) ++*pushed;
         is_frozen = is_frozen || std::min(std::abs(torque_Nm[0]), std::abs(torque_Nm[1])) >= from_Nm;

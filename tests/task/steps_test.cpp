@@ -56,7 +56,7 @@ TEST(CycleSteps, observe_follows_wheels_that_turn_evenly) {
     const model::RobotParameters parameters = model::default_parameters();
     const auto plant = control::plant_model<double>(parameters);
     Senses senses;
-    senses.configure(parameters);
+    senses.configure(parameters, 0);
     drivers::DriveFeedback left, right;
     const auto cycle = [&](int i, bool in_a_row) {
         left.encoder_time_ns = right.encoder_time_ns = kCycle_ns * i;
@@ -283,7 +283,7 @@ TEST(CycleSteps, observe_tells_what_it_was_told_and_fuses_a_pose_from_outside) {
     parameters.adaptation.slip_yaw_rate_rad_per_s = 0.5;
     const auto plant = control::plant_model<double>(parameters);
     Senses senses;
-    senses.configure(parameters);
+    senses.configure(parameters, 0);
     drivers::DriveFeedback left, right;
     Observed seen;
     // The wheels stand; the world says that the robot is elsewhere, and later that it turns.

@@ -12,8 +12,8 @@
 #include "drivers/odrive/odrive_0_5_messages.hpp"
 #include "drivers/odrive/odrive_0_6_messages.hpp"
 #include "drivers/odrive/odrive_drive.hpp"
+#include "firmware/control/encoder_loop.hpp"
 #include "firmware/control/wheel_observer.hpp"
-#include "firmware/ident/encoder_loop.hpp"
 #include "firmware/protocol/bus_load.hpp"
 #include "firmware/protocol/codec.hpp"
 #include "firmware/task/cycle_schedule.hpp"
@@ -42,11 +42,13 @@ struct Command {
 // One wheel's drive as the log shows it.
 class DriveView {
   public:
-    DriveView(const model::RobotParameters& robot, Wheel wheel)
+    DriveView(const model::RobotParameters& robot, Wheel wheel, double encoder_lag_s)
         : encoder_period_s_(1e-3 * robot.drive.encoder_period_ms),
           config_(drivers::odrive_config(robot, wheel)),
           drive_(drivers::make_drive(slot_, robot, wheel)),
-          wheel_per_motor_torque_(config_.sign * config_.gear_ratio * config_.torque_scale) {}
+          wheel_per_motor_torque_(config_.sign * config_.gear_ratio * config_.torque_scale) {
+        behind_loop_.configure(encoder_lag_s, drivers::kOdriveLoopPeriod_s, encoder_period_s_);
+    }
 
     bool owns(const hal::CanFrame& frame) const {
         return !frame.extended && !frame.error && !frame.fd && !frame.remote &&
@@ -77,15 +79,19 @@ class DriveView {
         if (drive_->counters().wrong_length != before.wrong_length) return "frame of the wrong length";
         if ((frame.id & 0x1FU) == gen6::Heartbeat::command) take_state(bytes);
         reported_ = drive_->feedback().torque_time_ns != torque_before_ns;
-        const drivers::DriveFeedback& f = drive_->feedback();
-        encoder_lag_.take(f.position_rad, f.speed_rad_per_s, f.encoder_time_ns, encoder_period_s_);
+        const control::EncoderSample reported = task::encoder_sample(drive_->feedback());
+        encoder_lag_.take(reported, encoder_period_s_);
+        encoder_ = behind_loop_.sample(reported);
         return "";
     }
 
     const std::optional<Command>& command() const { return command_; }
     const drivers::DriveFeedback& feedback() const { return drive_->feedback(); }
+    const control::EncoderSample& encoder() const { return encoder_; }
     bool closed_loop() const { return closed_loop_; }
-    double encoder_lag_s() const { return encoder_lag_.lag_s(drivers::kOdriveLoopPeriod_s); }
+    double encoder_lag_s() const {
+        return encoder_lag_.lag_s(drivers::kOdriveLoopPeriod_s, encoder_period_s_);
+    }
 
     // True when the last frame was a torque report that none of the recent commands explains.
     bool not_followed(std::int64_t now_ns, double largest_Nm) const {
@@ -122,7 +128,9 @@ class DriveView {
     }
 
     double encoder_period_s_;
-    ident::EncoderLoopLag encoder_lag_;
+    control::EncoderLoopLag encoder_lag_;
+    control::EncoderBehindLoop behind_loop_;
+    control::EncoderSample encoder_;
     drivers::OdriveConfig config_;
     drivers::DriveSlot slot_;
     drivers::MotorDrive* drive_;
@@ -136,9 +144,9 @@ class DriveView {
 
 class Reader {
   public:
-    explicit Reader(const model::RobotParameters& robot)
-        : left_(robot, Wheel::left),
-          right_(robot, Wheel::right),
+    Reader(const model::RobotParameters& robot, const WheelPair<double>& encoder_lag_s)
+        : left_(robot, Wheel::left, encoder_lag_s.left),
+          right_(robot, Wheel::right, encoder_lag_s.right),
           radius_(robot.geometry.wheel_radius_m),
           track_m_(robot.geometry.track_m),
           before_command_ns_(static_cast<std::int64_t>(robot.realtime.send_phase_s * 1e9 +
@@ -254,10 +262,7 @@ class Reader {
     }
 
     void push(std::int64_t start_ns, bool commanded, bool restart) {
-        const auto sample_of = [](const drivers::DriveFeedback& f) {
-            return control::EncoderSample{f.position_rad, f.speed_rad_per_s, f.encoder_time_ns};
-        };
-        observer_.update(start_ns, sample_of(left_.feedback()), sample_of(right_.feedback()), plant_);
+        observer_.update(start_ns, left_.encoder(), right_.encoder(), plant_);
         DriveLog::Cycle cycle;
         cycle.start_ns = start_ns;
         // as in the cycle, the last angles stay where none are known
@@ -347,7 +352,12 @@ DriveLog read_drive_log(const std::string& path, const model::RobotParameters& r
         log.problems.push_back({0, std::string("cannot open: ") + std::strerror(errno)});
         return log;
     }
-    return Reader(robot).read(in);
+    // Once for what the log tells of the drives' encoder loops, once with them undone.
+    DriveLog log = Reader(robot, {}).read(in);
+    if (!log.problems.empty()) return log;
+    in.clear();
+    in.seekg(0);
+    return Reader(robot, log.encoder_lag_s).read(in);
 }
 
 }  // namespace wheelwright::tools

@@ -3,11 +3,8 @@
 //
 // Cycles are found in the torque commands, one pair in each; their times are smoothed as frames only ever
 // come late. A cycle's start is its commands' time less the sending phase and the time of one frame on the
-// bus. Angles come from the encoder frames as the firmware's WheelObserver gives them.
-//
-// A drive's encoder loop gives both the position p and the speed v that it reports, and of them holds,
-// whatever the wheel does, p' = v + 2 / b v' (b: its bandwidth, critically damped) in steps of the drive's
-// period: so the log itself tells b.
+// bus. Angles come from the encoder frames as the firmware's WheelObserver gives them, before the drives'
+// encoder loops, whose bandwidth the log itself tells (firmware/control/encoder_loop.hpp).
 //
 // A sample is not usable where an axis was not in closed loop, where its encoder was not heard, where a
 // command is missing, or where the drive reported another torque than commanded.

@@ -204,8 +204,7 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     std::vector<DriveLog> logs;
     double largest_torque_Nm = 0;
     for (const std::string& path : paths) {
-        DriveLog& log = logs.emplace_back(read_drive_log(path, setup.robot));
-        take_through_encoder_loops(log);
+        const DriveLog& log = logs.emplace_back(read_drive_log(path, setup.robot));
         for (const LineProblem& problem : log.problems) findings.problems.push_back(to_text(path, problem));
         for (const LineProblem& note : log.notes) findings.notes.push_back(to_text(path, note));
         findings.logs.push_back({path, "candump", log_date(1e-9 * static_cast<double>(log.first_time_ns)),

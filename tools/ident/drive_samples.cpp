@@ -9,7 +9,6 @@
 
 #include "drivers/odrive/odrive_drive.hpp"
 #include "firmware/ident/delay_estimator.hpp"
-#include "firmware/ident/encoder_loop.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/task/cycle_schedule.hpp"
 #include "firmware/task/learning.hpp"
@@ -84,24 +83,18 @@ std::ptrdiff_t cycles_per_sample(const DriveLog& log, std::ptrdiff_t fewest) {
     return std::max(fewest, even);
 }
 
-// What was told in each cycle, through the drives' lag and their encoder loops.
+// What was told in each cycle, through the drives' lag.
 std::vector<WheelPair<double>> torques_Nm(const DriveLog& log, double lag_s) {
     std::vector<WheelPair<double>> made;
     made.reserve(log.cycles.size());
     WheelPair<TorqueLag> lag{TorqueLag(lag_s), TorqueLag(lag_s)};
-    WheelPair<ident::ThroughEncoderLoop<double>> loop;
-    loop.left.configure(log.encoder_lag_s.left, drivers::kOdriveLoopPeriod_s, task::kCyclePeriod_s);
-    loop.right.configure(log.encoder_lag_s.right, drivers::kOdriveLoopPeriod_s, task::kCyclePeriod_s);
     for (const DriveLog::Cycle& cycle : log.cycles) {
         const WheelPair<double>& told = cycle.sample.last_torque_Nm;
         if (cycle.restart) {
             lag.left.restart(told.left);
             lag.right.restart(told.right);
-            loop.left.restart(told.left);
-            loop.right.restart(told.right);
         }
-        made.push_back(
-            {loop.left.mean(lag.left.mean(told.left)), loop.right.mean(lag.right.mean(told.right))});
+        made.push_back({lag.left.mean(told.left), lag.right.mean(told.right)});
     }
     return made;
 }
@@ -134,11 +127,6 @@ AngleNoise angle_noise(const DriveLog& log, std::ptrdiff_t spacing) {
     return seen;
 }
 
-void take_through_encoder_loops(DriveLog& log) {
-    const std::vector<WheelPair<double>> made_Nm = torques_Nm(log, 0);
-    for (std::size_t i = 0; i < log.cycles.size(); ++i) log.cycles[i].sample.last_torque_Nm = made_Nm[i];
-}
-
 ident::RegressionFilterOptions<double> filter_options(const model::RobotParameters& robot) {
     return task::regression_filter_options<double>(
         robot, robot.ident.kernel_s > 0 ? robot.ident.kernel_s
@@ -154,12 +142,9 @@ Arrival arrival_of(const DriveLog& log, const model::RobotParameters& robot) {
         options.effects.active[model::find_effect(name)] = true;
     ident::DelayEstimator<double> estimator;
     estimator.configure(options);
-    const std::vector<WheelPair<double>> told_Nm = torques_Nm(log, 0);
-    for (std::size_t i = 0; i < log.cycles.size(); ++i) {
-        if (log.cycles[i].restart) estimator.restart();
-        ident::IdentSample<double> sample = log.cycles[i].sample;
-        sample.last_torque_Nm = told_Nm[i];
-        estimator.push(sample);
+    for (const DriveLog::Cycle& cycle : log.cycles) {
+        if (cycle.restart) estimator.restart();
+        estimator.push(cycle.sample);
     }
     const ident::DelayEstimate<double> found = estimator.estimate();
     const double delay_s = found.delay_s - options.sample_age_s;
@@ -254,7 +239,7 @@ SampledLog read_sampled_log(const std::string& path, const std::optional<model::
     if (const WheelPair<double>& lag = log.encoder_lag_s; lag.left > 0 && lag.right > 0) {
         note(
             "the drives' encoder loops have %.3g (left) and %.3g rad/s (right), by what they report: "
-            "the torques are taken through them as well",
+            "the angles are those before them",
             1 / lag.left, 1 / lag.right);
     }
     const Arrival arrival = arrival_of(log, *robot);

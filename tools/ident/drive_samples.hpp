@@ -4,9 +4,7 @@
 // A sample's speed is the mean over one sampling period around it, from angles alone. The torque from it to
 // the next sample is the commands' mean with the weight (a triangle) that makes
 //     speed difference = period x K x torque
-// exact for these speeds; commands count from when they act (Arrival). The angles are those of the drives'
-// encoder loops, which the torques pass through as well (DriveLog::encoder_lag_s). So nothing is smoothed on
-// one side only.
+// exact for these speeds; commands count from when they act (Arrival).
 #pragma once
 
 #include <optional>
@@ -30,12 +28,8 @@ struct AngleNoise {
 };
 AngleNoise angle_noise(const DriveLog& log, std::ptrdiff_t spacing);
 
-// Makes the torques what the drives' encoder loops make of the angles.
-void take_through_encoder_loops(DriveLog& log);
-
-// When a told torque acts, beside what its drive's encoder loop makes of it: by the log, where that tells and
-// is within a cycle of the robot file's delay, which may have been measured without the encoder loop. What is
-// further off is a missing effect.
+// When a told torque acts: by the log, where that tells and is within a cycle of the robot file's delay. What
+// is further off is a missing effect.
 struct Arrival {
     double delay_s = 0;  // from a cycle's start to the centroid of the response to its torque
     double lag_s = 0;    // the part of it that is a first-order lag

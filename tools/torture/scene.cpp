@@ -45,6 +45,8 @@ void identify(SceneSetup& setup, const model::Dynamics<double>& seen, double del
         }
     }
     p.velocity_loop.actuation_delay_s = delay_s + kCycleDelay_s;
+    for (model::DriveParameters* drive : {&p.drive.left, &p.drive.right})
+        drive->encoder_lag_s = 1 / setup.simulation.velocity_filter_rad_per_s;
     // A drive's own estimator takes half of an encoder's noise.
     const double gear = (p.drive.left.gear_ratio + p.drive.right.gear_ratio) / 2;
     const double step_rad = 2 * std::numbers::pi / (setup.simulation.encoder_counts_per_turn * gear);

@@ -1,0 +1,140 @@
+// What a drive's encoder loop makes of a wheel's motion, and how that is undone. The loop follows the encoder
+// with a bandwidth b, critically damped, in periods T of the drive: reported position p and speed v are those
+// of
+//     p += T v;  p += 2 b T (angle - p);  v += b^2 T (angle - p), both by the angle's distance before them.
+// A slow one (100 to 400 rad/s, as coarse encoders need) lags behind what accelerates the wheel, by no steady
+// delay: a wheel that stops goes on in its reports for some eight times 1 / b.
+//
+// EncoderLoopLag reads 1 / b from the reports: of both holds, whatever the wheel does and however noisy the
+// encoder is, p' = v + 2 / b v'. EncoderBehindLoop gives the angle: between two reports it was off p by
+// v' / b^2, in the mean. Its noise is that of the encoder, which the loop would have smoothed.
+//
+// Some ten operations each for a report. No allocation.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+#include "firmware/model/types.hpp"
+
+namespace wheelwright::control {
+
+struct EncoderSample {
+    double position_rad = 0;     // wheel angle, unwrapped
+    double speed_rad_per_s = 0;  // the drive's own estimate
+    std::int64_t time_ns = 0;    // receive time stamp; 0: none yet. A repeated time is the same sample
+};
+
+// What a drive has told last: its position, the angle before its loop, and by how much that may be wrong.
+struct EncoderAngle {
+    double position_rad = 0, angle_rad = 0, unsure_rad = 0;
+    std::int64_t time_ns = 0;
+};
+
+// Slower loops no drive needs.
+inline constexpr double kLongestEncoderLag_s = 0.02;
+
+inline double seconds_between(const EncoderSample& from, const EncoderSample& to) {
+    return 1e-9 * static_cast<double>(to.time_ns - from.time_ns);
+}
+
+// From p(t) - p(0) - (integral of v) = 2 / b (v(t) - v(0)), over spans of 20 ms; what the integral between
+// reports lacks is as likely to add to either end.
+class EncoderLoopLag {
+  public:
+    // Each report once. After a time without any it begins anew: who reads them once in a cycle may miss one
+    // of two that fall into one.
+    void take(const EncoderSample& reported, double period_s) {
+        if (reported.time_ns == last_.time_ns) return;
+        const double since_s = period_s * std::round(seconds_between(last_, reported) / period_s);
+        const bool follows = last_.time_ns > 0 && since_s > 0 && since_s < kMostMissed * period_s;
+        if (follows) path_rad_ += since_s * (last_.speed_rad_per_s + reported.speed_rad_per_s) / 2;
+        last_ = reported;
+        passed_s_ += since_s;
+        if (follows && passed_s_ < kSpan_s) return;
+        if (follows) {
+            const double gained = reported.speed_rad_per_s - from_.speed_rad_per_s;
+            const double ahead = reported.position_rad - from_.position_rad - path_rad_;
+            product_ += gained * ahead;
+            gained_square_ += gained * gained;
+            ahead_square_ += ahead * ahead;
+            ++spans_;
+        }
+        from_ = reported;
+        path_rad_ = passed_s_ = 0;
+    }
+
+    // 1 / b; `unless_known_s` while its standard error is more than a fiftieth of it and of a period. A
+    // drive that computes its loop in periods of `loop_period_s` sums the speeds from before each of them:
+    // its own sum is shorter than the integral.
+    double lag_s(double loop_period_s, double period_s, double unless_known_s = 0) const {
+        if (spans_ < kFewestSpans || !(gained_square_ > 0)) return unless_known_s;
+        const double slope_s = product_ / gained_square_;
+        const double lag_s = std::clamp((slope_s + loop_period_s / 2) / 2, 0.0, kLongestEncoderLag_s);
+        const double unexplained = std::max(ahead_square_ / gained_square_ - slope_s * slope_s, 0.0);
+        const double sure_s = std::max(lag_s, period_s) / 50;
+        return unexplained <= 4 * sure_s * sure_s * (spans_ - 1) ? lag_s : unless_known_s;
+    }
+
+  private:
+    static constexpr int kFewestSpans = 5;
+    static constexpr double kMostMissed = 2.5;  // periods
+    static constexpr double kSpan_s = 0.02;     // long beside a period, short beside a clock's error
+    EncoderSample last_, from_;
+    double path_rad_ = 0, passed_s_ = 0;
+    double product_ = 0, gained_square_ = 0, ahead_square_ = 0;
+    int spans_ = 0;
+};
+
+// The angle that the encoder itself has shown.
+class EncoderBehindLoop {
+  public:
+    // `lag_s`: 1 / b. A loop that follows within half a period of the reports is left as it is.
+    void configure(double lag_s, double loop_period_s, double report_period_s) {
+        report_period_s_ = report_period_s;
+        loop_period_s_ = loop_period_s;
+        half_period_ns_ = std::llround(1e9 * report_period_s / 2);
+        off_s2_ = lag_s > report_period_s / 2 ? lag_s * (lag_s - 2 * loop_period_s) : 0;
+        ahead_s_ = 2 * lag_s - loop_period_s / 2;
+    }
+    bool undone() const { return off_s2_ != 0; }
+
+    // The mean angle in the period before a report, at the middle of it. Where reports are missing, by what
+    // was off since the last one.
+    EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
+    // Of that angle: a hundredth of the lag is two of its square, and one of the time that has passed.
+    double unsure_rad() const { return undone() ? std::abs(off_rad_) / 30 : 0; }
+
+  private:
+    [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
+        if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
+        const auto reports = std::round(seconds_between(last_, reported) / report_period_s_);
+        const double gained = reported.speed_rad_per_s - last_.speed_rad_per_s;
+        double passed_s = reports * report_period_s_;
+        double mean_rad = reported.position_rad;
+        if (reports == 1) {
+            // a loop period more or less, by the way that it has gone
+            const double way = reported.position_rad - last_.position_rad - ahead_s_ * gained;
+            const double speed = (reported.speed_rad_per_s + last_.speed_rad_per_s) / 2;
+            if (speed != 0)
+                passed_s = std::clamp(way / speed, passed_s - loop_period_s_, passed_s + loop_period_s_);
+            mean_rad = (reported.position_rad + last_.position_rad) / 2;
+        }
+        if (last_.time_ns > 0 && reports >= 1) off_rad_ = off_s2_ * gained / passed_s;
+        if (reports != 1)
+            mean_rad -= report_period_s_ / 2 * (reported.speed_rad_per_s + ahead_s_ / off_s2_ * off_rad_);
+        last_ = reported;
+        angle_ = {mean_rad + off_rad_, reported.speed_rad_per_s, reported.time_ns - half_period_ns_};
+        return angle_;
+    }
+
+    double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;
+    std::int64_t half_period_ns_ = 0;
+    EncoderSample last_, angle_;
+    double off_rad_ = 0;
+};
+
+}  // namespace wheelwright::control

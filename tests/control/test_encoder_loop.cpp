@@ -1,0 +1,197 @@
+// A drive's encoder loop is written here as drives compute it, on angles; its reports are what the estimator
+// of its lag gets, and what must lead back to the angles.
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <random>
+#include <string>
+
+#include "firmware/control/encoder_loop.hpp"
+
+#include <CppUTest/TestHarness.h>
+
+using namespace wheelwright::control;
+
+namespace {
+
+constexpr double kPeriod_s = 1.0 / 8000, kCycle_s = 0.001;
+constexpr int kPeriods = 8;  // in a cycle
+
+struct DriveLoop {
+    double bandwidth_rad_per_s;
+    double position_rad = 0, speed_rad_per_s = 0;
+
+    void take(double angle_rad) {
+        position_rad += kPeriod_s * speed_rad_per_s;
+        const double off = angle_rad - position_rad;
+        position_rad += 2 * bandwidth_rad_per_s * kPeriod_s * off;
+        speed_rad_per_s += bandwidth_rad_per_s * bandwidth_rad_per_s * kPeriod_s * off;
+    }
+};
+
+// An acceleration that jumps every 20 cycles, as the excitation's does.
+struct Wheel {
+    std::mt19937 random{7};
+    double rate_rad_per_s2 = 0, angle_rad = 0, before_rad = 0;
+    int cycles = 0;
+
+    void begin_cycle() {
+        if (cycles++ % 20 == 0) rate_rad_per_s2 = std::uniform_real_distribution(-90.0, 90.0)(random);
+    }
+    void step() {
+        const double next = 2 * angle_rad - before_rad + kPeriod_s * kPeriod_s * rate_rad_per_s2;
+        before_rad = angle_rad;
+        angle_rad = next;
+    }
+};
+
+}  // namespace
+
+TEST_GROUP(EncoderLoop){};
+
+TEST(EncoderLoop, its_lag_is_read_from_reports_of_a_noisy_encoder_with_some_missing) {
+    for (const double bandwidth : {60.0, 100.0, 330.0, 1000.0, 2100.0}) {
+        Wheel wheel;
+        DriveLoop loop{bandwidth};
+        std::normal_distribution noise(0.0, 3e-4);
+        EncoderLoopLag lag;
+        DOUBLES_EQUAL(0, lag.lag_s(kPeriod_s, kCycle_s), 0);
+        for (int cycle = 1; cycle <= 20'000; ++cycle) {
+            wheel.begin_cycle();
+            for (int i = 0; i < kPeriods; ++i) {
+                wheel.step();
+                loop.take(wheel.angle_rad + noise(wheel.random));
+            }
+            if (cycle % 41 == 0) continue;
+            const auto time_ns = std::int64_t{1'000'000} * cycle;
+            for (int seen = 0; seen < 2; ++seen)  // counts once
+                lag.take({loop.position_rad, loop.speed_rad_per_s, time_ns}, kCycle_s);
+        }
+        DOUBLES_EQUAL(1, bandwidth * lag.lag_s(kPeriod_s, kCycle_s), 0.01);
+    }
+}
+
+TEST(EncoderLoop, a_lag_that_the_reports_do_not_tell_for_sure_is_the_one_that_was_known) {
+    // Where positions and speeds have nothing to do with each other no lag is told, at first none anyway.
+    for (const double noise_rad : {0.0, 1e-5, 3e-3}) {
+        Wheel wheel;
+        DriveLoop loop{200};
+        std::normal_distribution noise(0.0, 1.0);
+        EncoderLoopLag lag;
+        for (int cycle = 1; cycle <= 1000; ++cycle) {
+            wheel.begin_cycle();
+            for (int i = 0; i < kPeriods; ++i) {
+                wheel.step();
+                loop.take(wheel.angle_rad);
+            }
+            lag.take({loop.position_rad + noise_rad * noise(wheel.random), loop.speed_rad_per_s,
+                      std::int64_t{1'000'000} * cycle},
+                     kCycle_s);
+            // the first report begins the first of five spans of 20 ms
+            const bool known = cycle > 5 * 20 && noise_rad < 1e-3;
+            if (cycle != 101 && cycle < 900) continue;
+            DOUBLES_EQUAL(known ? 0.005 : 0.123, lag.lag_s(kPeriod_s, kCycle_s, 0.123), 5e-5);
+        }
+    }
+    EncoderLoopLag still;
+    for (int cycle = 1; cycle <= 1000; ++cycle)
+        still.take({1.5, 0, std::int64_t{1'000'000} * cycle}, kCycle_s);
+    DOUBLES_EQUAL(0.123, still.lag_s(kPeriod_s, kCycle_s, 0.123), 0);
+}
+
+// Reports of a drive that computes its loop seven to nine times between them.
+struct Reports {
+    Wheel wheel;
+    DriveLoop loop;
+    EncoderBehindLoop behind;
+    double mean_rad = 0;  // of the angles since the last report
+    std::int64_t time_ns = 5'000'000'000;
+    bool stands = false;
+
+    explicit Reports(double bandwidth_rad_per_s) : loop{bandwidth_rad_per_s} {
+        behind.configure(1 / bandwidth_rad_per_s, kPeriod_s, kCycle_s);
+    }
+    EncoderSample next(int periods) {
+        mean_rad = 0;
+        if (!stands) wheel.begin_cycle();
+        for (int i = 0; i < periods; ++i) {
+            if (!stands) wheel.step();
+            loop.take(wheel.angle_rad);
+            mean_rad += wheel.angle_rad / periods;
+        }
+        time_ns += 1'000'000;
+        return {loop.position_rad, loop.speed_rad_per_s, time_ns};
+    }
+};
+
+TEST(EncoderLoop, undone_it_is_the_mean_angle_between_two_reports) {
+    for (const double bandwidth : {60.0, 100.0, 330.0, 1000.0, 1900.0}) {
+        Reports reports(bandwidth);
+        CHECK(reports.behind.undone());
+        double left_rad = 0, off_rad = 0;
+        for (int n = 0; n < 4000; ++n) {
+            const EncoderSample reported = reports.next(n % 97 == 3 ? 9 : n % 97 == 4 ? 7 : 8);
+            if (n % 101 == 50) continue;  // lost
+            const EncoderSample angle = reports.behind.sample(reported);
+            LONGS_EQUAL(reports.time_ns - 500'000, angle.time_ns);
+            DOUBLES_EQUAL(reported.speed_rad_per_s, angle.speed_rad_per_s, 0);
+            const EncoderSample again = reports.behind.sample(reported);
+            DOUBLES_EQUAL(angle.position_rad, again.position_rad, 0);
+            if (n < 100) continue;  // until the loop follows
+            // a mean over eight periods is half a period's way from the middle
+            const double way_rad = reports.wheel.angle_rad - reports.wheel.before_rad;
+            const double middle_rad = reports.mean_rad - way_rad / 2;
+            left_rad = std::max(left_rad, std::abs(angle.position_rad - middle_rad));
+            off_rad =
+                std::max(off_rad, std::abs(reported.position_rad - kPeriods * way_rad / 2 - middle_rad));
+        }
+        std::printf("  %4.0f rad/s: off by %.3f mrad, undone by %.3f\n", bandwidth, 1e3 * off_rad,
+                    1e3 * left_rad);
+        CHECK(left_rad < 1e-4 + off_rad / 20);
+    }
+}
+
+TEST(EncoderLoop, a_wheel_that_stops_at_once_stands_although_the_loop_goes_on) {
+    for (const double bandwidth : {60.0, 100.0, 330.0}) {
+        for (const double wrong : {0.993, 1.0, 1.007}) {
+            Reports reports(bandwidth);
+            reports.behind.configure(wrong / bandwidth, kPeriod_s, kCycle_s);
+            const auto speed = [&] {
+                return (reports.wheel.angle_rad - reports.wheel.before_rad) / kPeriod_s;
+            };
+            for (int n = 0; n < 500 || std::abs(speed()) < 3; ++n) reports.behind.sample(reports.next(8));
+            reports.stands = true;
+            reports.behind.sample(reports.next(8));
+            int crept = 0;
+            for (int n = 0; n < 500; ++n) {
+                const EncoderSample reported = reports.next(n % 7 == 3 ? 9 : n % 7 == 4 ? 7 : 8);
+                const double angle_rad = reports.behind.sample(reported).position_rad;
+                crept += std::abs(reported.position_rad - reports.wheel.angle_rad) > 1e-3;
+                const double off_rad = std::abs(angle_rad - reports.wheel.angle_rad);
+                if (n >= 8)  // before, what it was off by in motion is still seen
+                    CHECK_TEXT(off_rad <= reports.behind.unsure_rad() + 3e-5, std::to_string(n).c_str());
+            }
+            CHECK(crept > 5);
+        }
+    }
+}
+
+TEST(EncoderLoop, one_that_follows_within_half_a_period_or_is_not_known_changes_nothing) {
+    EncoderBehindLoop behind;
+    const auto same = [&behind](const EncoderSample& reported) {
+        const EncoderSample angle = behind.sample(reported);
+        DOUBLES_EQUAL(reported.position_rad, angle.position_rad, 0);
+        LONGS_EQUAL(reported.time_ns, angle.time_ns);
+        DOUBLES_EQUAL(0, behind.unsure_rad(), 0);
+    };
+    for (const double lag_s : {-1.0, 0.0, 0.0005}) {
+        if (lag_s >= 0) behind.configure(lag_s, kPeriod_s, kCycle_s);
+        CHECK_FALSE(behind.undone());
+        same({1, 2, 3'000'000});
+        same({1.5, 7, 4'000'000});
+    }
+    behind.configure(0.00051, kPeriod_s, kCycle_s);
+    CHECK(behind.undone());
+    same({0, 0, 0});  // nothing was reported yet
+}
