@@ -109,7 +109,6 @@ bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& n
     if (told.position_rad == wheel.told.position_rad ||
         std::abs(told.angle_rad - wheel.told.angle_rad) <= unsure_rad) {
         wheel.unseen.frames += told.time_ns != wheel.told.time_ns;
-        wheel.told.time_ns = told.time_ns;
         if (wheel.unseen.frames <= kFrames) wheel.told = told;
         return true;
     }

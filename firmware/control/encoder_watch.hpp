@@ -86,7 +86,7 @@ class EncoderWatch {
         int pushed_cycles{};
     };
     struct Wheel {
-        EncoderAngle told;  // when it changed last, and some frames after; the time: of the newest
+        EncoderAngle told;  // when it changed last, and in the frames after that
         Unseen unseen;
         Motion before, lately;  // 16 to 32 cycles ago, and up to 16; of those in which the angle changed
         int history_age = 0;

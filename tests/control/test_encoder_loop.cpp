@@ -51,7 +51,7 @@ struct Wheel {
 TEST_GROUP(EncoderLoop){};
 
 TEST(EncoderLoop, its_lag_is_read_from_reports_of_a_noisy_encoder_with_some_missing) {
-    for (const double bandwidth : {60.0, 100.0, 330.0, 1000.0, 2100.0}) {
+    for (const double bandwidth : {40.0, 60.0, 100.0, 330.0, 1000.0, 2100.0}) {
         Wheel wheel;
         DriveLoop loop{bandwidth};
         std::normal_distribution noise(0.0, 3e-4);
@@ -68,7 +68,7 @@ TEST(EncoderLoop, its_lag_is_read_from_reports_of_a_noisy_encoder_with_some_miss
             for (int seen = 0; seen < 2; ++seen)  // counts once
                 lag.take({loop.position_rad, loop.speed_rad_per_s, time_ns}, kCycle_s);
         }
-        DOUBLES_EQUAL(1, bandwidth * lag.lag_s(kPeriod_s, kCycle_s), 0.01);
+        DOUBLES_EQUAL(bandwidth == 40 ? 0.8 : 1.0, bandwidth * lag.lag_s(kPeriod_s, kCycle_s), 0.01);
     }
 }
 
@@ -98,6 +98,81 @@ TEST(EncoderLoop, a_lag_that_the_reports_do_not_tell_for_sure_is_the_one_that_wa
     for (int cycle = 1; cycle <= 1000; ++cycle)
         still.take({1.5, 0, std::int64_t{1'000'000} * cycle}, kCycle_s);
     DOUBLES_EQUAL(0.123, still.lag_s(kPeriod_s, kCycle_s, 0.123), 0);
+}
+
+// Speeds that go to and fro between the ends of eight spans, and positions that are off by as much to either
+// side of what a lag makes of them.
+TEST(EncoderLoop, a_lag_is_known_with_a_standard_error_of_a_fiftieth_of_it_and_of_a_period) {
+    constexpr int kSpan = 20, kSpans = 8;
+    constexpr double kOff[] = {1, 1, -1, -1};
+    for (const double lag_s : {0.005, 0.0005}) {
+        for (const double share : {0.999, 1.001}) {
+            const double off_rad = share * 2 * std::max(lag_s, kCycle_s) / 50 * std::sqrt(kSpans - 1.0);
+            EncoderLoopLag lag;
+            double position_rad = 0, speed = 0;
+            std::int64_t time_ns = 7'000'000;
+            lag.take({position_rad, speed, time_ns}, kCycle_s);
+            for (int span = 0; span < kSpans; ++span) {
+                const double gains = span % 2 == 0 ? 1 : -1;
+                const double ahead_rad = 2 * lag_s * gains + off_rad * kOff[span % 4];
+                for (int i = 0; i < kSpan; ++i) {
+                    position_rad += kCycle_s * (speed + gains / kSpan / 2) + ahead_rad / kSpan;
+                    speed += gains / kSpan;
+                    time_ns += 1'000'000;
+                    lag.take({position_rad, speed, time_ns}, kCycle_s);
+                }
+            }
+            DOUBLES_EQUAL(share < 1 ? lag_s : 0.123, lag.lag_s(0, kCycle_s, 0.123), 1e-9);
+        }
+    }
+}
+
+TEST(EncoderLoop, of_two_reports_in_a_cycle_one_may_be_missed_but_not_three_in_a_row) {
+    for (const int apart : {1, 2, 3, 4}) {
+        Wheel wheel;
+        DriveLoop loop{200};
+        EncoderLoopLag lag;
+        for (int cycle = 1; cycle <= 2000; ++cycle) {
+            wheel.begin_cycle();
+            for (int i = 0; i < kPeriods; ++i) {
+                wheel.step();
+                loop.take(wheel.angle_rad);
+            }
+            const bool silent = cycle > 700 && cycle < 1200;  // begins anew
+            if (cycle % apart == 0 && !silent)
+                lag.take({loop.position_rad, loop.speed_rad_per_s, std::int64_t{1'000'000} * cycle},
+                         kCycle_s);
+        }
+        DOUBLES_EQUAL(apart < 3 ? 0.005 : 0.123, lag.lag_s(kPeriod_s, kCycle_s, 0.123), 1e-4);
+    }
+}
+
+TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
+    EncoderBehindLoop behind;
+    behind.configure(0.01, 1e-4, kCycle_s);
+    constexpr double kOff_s2 = 0.01 * (0.01 - 2e-4), kAhead_s = 0.02 - 0.5e-4;
+    EncoderBehindLoop later = behind;
+    DOUBLES_EQUAL(2 - 0.5e-3 * 6, later.sample({2, 6, 700'000'000}).position_rad, 1e-12);  // the first
+    const auto check = [&](double position_rad, double speed, std::int64_t time_ns, double mean_rad,
+                           double off_rad) {
+        const EncoderSample angle = behind.sample({position_rad, speed, time_ns});
+        DOUBLES_EQUAL(mean_rad + off_rad, angle.position_rad, 1e-12);
+        DOUBLES_EQUAL(std::abs(off_rad) / 30, behind.unsure_rad(), 1e-12);
+    };
+    check(2, 6, 1, 2 - 0.5e-3 * 6, 0);  // nothing came before
+    // in a row: speed 0.5, in 1.05 ms by the way
+    check(2 + kAhead_s * -11 + 0.5 * 1.05e-3, -5, 1'000'001, 2 + (kAhead_s * -11 + 0.5 * 1.05e-3) / 2,
+          kOff_s2 * -11 / 1.05e-3);
+    behind.configure(0.01, 1e-4, kCycle_s);
+    check(3, 0.5, 500'000'000, 3 - 0.5e-3 * (0.5 + kAhead_s * 5.5 / 0.499), kOff_s2 * 5.5 / 0.499);
+    // speed 1, in 1.05 ms by the way, and in no more than 1.1
+    const double way_rad = kAhead_s + 1.05e-3;
+    check(3 + way_rad, 1.5, 501'000'000, 3 + way_rad / 2, kOff_s2 / 1.05e-3);
+    check(4, 2.5, 502'000'000, (7 + way_rad) / 2, kOff_s2 / 1.1e-3);
+    // the clock has gone back
+    check(5, 9, 400'000'000, 5 - 0.5e-3 * (9 + kAhead_s / 1.1e-3), kOff_s2 / 1.1e-3);
+    const double last_rad = behind.sample({5, 9, 400'000'000}).position_rad;
+    DOUBLES_EQUAL(last_rad, behind.sample({0, 0, 0}).position_rad, 0);  // nothing was told
 }
 
 // Reports of a drive that computes its loop seven to nine times between them.

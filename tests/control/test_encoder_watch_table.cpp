@@ -64,7 +64,20 @@ struct Told {
         watch.rest(told());
     }
 
-    std::array<EncoderAngle, 2> told() const { return bench::told_angles(angle_rad, told_ns); }
+    // Behind a loop: what is told goes on, the angle is known as well as this.
+    WheelPair<double> crept_rad, unsure_rad;
+    std::array<bool, 2> tells_the_same{};
+
+    std::array<EncoderAngle, 2> told() const {
+        auto angles = bench::told_angles(angle_rad, told_ns);
+        for (const bool right : {false, true}) {
+            EncoderAngle& angle = angles[right];
+            angle.angle_rad += of(crept_rad, right);
+            angle.position_rad = tells_the_same[right] ? 0.125 : angle.angle_rad + 7;
+            angle.unsure_rad = of(unsure_rad, right);
+        }
+        return angles;
+    }
 
     bool update(EncoderWatch& asked, const Cycle& c) {
         // An observer takes over the speed of its first sample; what it does not explain comes of a second
@@ -180,6 +193,41 @@ TEST(EncoderWatchTable, a_wheel_that_its_torque_must_have_turned_too_far_is_seen
                 const int expected = beyond_Nm > 0 ? first_unseen(0, of(kOwn_per_Nm, right) * beyond_Nm) : 0;
                 LONGS_EQUAL_TEXT(expected, t.cycles(c, 500), name(right, sign * torque_Nm).c_str());
             }
+        }
+    }
+}
+
+TEST(EncoderWatchTable, behind_a_loop_a_wheel_stands_where_its_angle_does_as_far_as_it_is_known) {
+    constexpr double kUnsure_rad = 0x1p-8;
+    struct Row {
+        double creeps_rad;  // in each frame, to and fro after the fourth
+        double unsure_rad;  // when it stands
+        bool tells_the_same, stands;
+    };
+    const Row rows[] = {
+        {0, 0, false, true},
+        {0.999 * kUnsure_rad, kUnsure_rad, false, true},  // four of them are more
+        {0.999 * kUnsure_rad, 0, false, true},            // where it was so unsure in its fourth frame
+        {1.001 * kUnsure_rad, kUnsure_rad, false, false},
+        {1.001 * kUnsure_rad, 0, true, true},
+    };
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            Told t;
+            of(t.unsure_rad, right) = kUnsure_rad;
+            LONGS_EQUAL(0, t.cycles({{}, {}, {}, one(right, 1.5, 3)}, 32));
+            t.tells_the_same[right] = row.tells_the_same;
+            if (row.tells_the_same) LONGS_EQUAL(0, t.cycles({{}, {}, {}, one(right, 1.5, 3)}, 1));
+            Cycle c{{}, {}, {}, one(right, 2, -2)};
+            c.stands[right] = true;
+            const int expected = first_unseen(0, of(kOwn_per_Nm, right) * 0.75);
+            int seen = 0;
+            for (int n = 1; n <= 500 && seen == 0; ++n) {
+                of(t.crept_rad, right) += n <= 5 || n % 2 == 0 ? row.creeps_rad : -row.creeps_rad;
+                if (n > 5) of(t.unsure_rad, right) = row.unsure_rad;
+                if (t.cycle(c)) seen = n;
+            }
+            LONGS_EQUAL_TEXT(row.stands ? expected : 0, seen, name(right, row.creeps_rad).c_str());
         }
     }
 }

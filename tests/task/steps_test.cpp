@@ -78,6 +78,67 @@ TEST(CycleSteps, observe_follows_wheels_that_turn_evenly) {
     CHECK_FALSE(cycle(3000, false).sample.usable);
 }
 
+// Behind a loop with such a lag, computed in periods T, a wheel that accelerates evenly is reported by
+// lag (lag - 2 T) of that too far back, and by 2 lag - T / 2 of it too slow.
+TEST(CycleSteps, observe_sees_angles_before_the_drives_loops_from_when_they_are_known) {
+    model::RobotParameters parameters = model::default_parameters();
+    parameters.drive.encoder_period_ms = 2;
+    const WheelPair<double> rates{3, -8}, lags_s{0.012, 0.004};
+    const auto plant = control::plant_model<double>(parameters);
+    const double age_s = Senses::sample_age_s(parameters);
+    constexpr double kLoop_s = 1.25e-4;
+    const auto back_s2 = [](double lag_s) { return lag_s * (lag_s - 2 * kLoop_s); };
+    for (const bool by_file : {false, true}) {
+        Senses senses;
+        parameters.drive.left.encoder_lag_s = by_file ? lags_s.left : 0;
+        parameters.drive.right.encoder_lag_s = by_file ? lags_s.right : 0;
+        senses.configure(parameters, kLoop_s);
+        drivers::DriveFeedback left, right;
+        const auto off_rad = [&](int i) {
+            const double t_s = 1e-3 * i;
+            const auto report = [&](drivers::DriveFeedback& f, double rate, double lag_s) {
+                if (i % 2 != 0) return;
+                f.encoder_time_ns = kCycle_ns * i;
+                f.position_rad = rate * (t_s * t_s / 2 - back_s2(lag_s));
+                f.speed_rad_per_s = rate * (t_s - (2 * lag_s - kLoop_s / 2));
+            };
+            report(left, rates.left, lags_s.left);
+            report(right, rates.right, lags_s.right);
+            const Observed seen =
+                senses.observe({kCycle_ns * i, kCyclePeriod_s, true, left, right, nullptr, {}}, plant);
+            const double then_s = t_s - age_s;
+            if (!seen.angles_known) return WheelPair<double>{9, 9};
+            const auto& encoder = *seen.encoder;
+            const bool undone = by_file || i > 600;
+            for (const std::size_t side : {0, 1}) {
+                const double lag_s = side == 0 ? lags_s.left : lags_s.right;
+                const double rate = side == 0 ? rates.left : rates.right;
+                const drivers::DriveFeedback& f = side == 0 ? left : right;
+                DOUBLES_EQUAL(f.position_rad, encoder[side].position_rad, 0);
+                LONGS_EQUAL(f.encoder_time_ns - (undone ? 1'000'000 : 0), encoder[side].time_ns);
+                if (i > 620 || i < 600)
+                    DOUBLES_EQUAL(undone ? std::abs(rate) * back_s2(lag_s) / 30 : 0, encoder[side].unsure_rad,
+                                  1e-9);
+            }
+            return WheelPair<double>{seen.sample.angle_rad.left - rates.left * then_s * then_s / 2,
+                                     seen.sample.angle_rad.right - rates.right * then_s * then_s / 2};
+        };
+        WheelPair<double> off;
+        for (int i = 1; i <= 600; ++i) off = off_rad(i);
+        DOUBLES_EQUAL(by_file ? 0 : -rates.left * back_s2(lags_s.left), off.left, 1e-5);
+        DOUBLES_EQUAL(by_file ? 0 : -rates.right * back_s2(lags_s.right), off.right, 1e-5);
+        senses.set_encoder_lag(lags_s);
+        int unknown = 0;
+        for (int i = 601; i <= 640; ++i) {
+            off = off_rad(i);
+            unknown += off.left == 9;
+        }
+        CHECK(by_file ? unknown == 0 : unknown > 0 && unknown < 12);
+        DOUBLES_EQUAL(0, off.left, 1e-5);
+        DOUBLES_EQUAL(0, off.right, 1e-5);
+    }
+}
+
 TEST(CycleSteps, judge_names_what_is_wrong_with_a_drive_on_either_side) {
     using drivers::ArmRefusal;
     using drivers::DriveFault;
