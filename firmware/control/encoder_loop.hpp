@@ -102,8 +102,8 @@ class EncoderBehindLoop {
     }
     bool undone() const { return off_s2_ != 0; }
 
-    // The mean angle in the period before a report, at the middle of it. Where reports are missing, by what
-    // was off since the last one.
+    // The mean angle in the period before a report, at the middle of it. Where position and speed are not of
+    // one loop, the mean of the positions.
     EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
     // Of that angle: a hundredth of the lag is two of its square, and one of the time that has passed.
     double unsure_rad() const { return undone() ? std::abs(off_rad_) / 30 : 0; }
@@ -112,25 +112,41 @@ class EncoderBehindLoop {
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
         if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
         const auto reports = std::round(seconds_between(last_, reported) / report_period_s_);
-        const double gained = reported.speed_rad_per_s - last_.speed_rad_per_s;
-        double passed_s = reports * report_period_s_;
-        double mean_rad = reported.position_rad;
-        if (reports == 1) {
-            // a loop period more or less, by the way that it has gone
-            const double way = reported.position_rad - last_.position_rad - ahead_s_ * gained;
+        double half_way_rad = 0;
+        off_rad_ = 0;
+        if (last_.time_ns > 0 && reports >= 1 && reports <= kMostReports) {
+            const double way_rad = reported.position_rad - last_.position_rad;
+            const double gained = reported.speed_rad_per_s - last_.speed_rad_per_s;
             const double speed = (reported.speed_rad_per_s + last_.speed_rad_per_s) / 2;
-            if (speed != 0)
-                passed_s = std::clamp(way / speed, passed_s - loop_period_s_, passed_s + loop_period_s_);
-            mean_rad = (reported.position_rad + last_.position_rad) / 2;
+            const double by_speed_rad = way_rad - ahead_s_ * gained;
+            double passed_s = reports * report_period_s_;
+            half_way_rad = way_rad / (2 * reports);
+            if (agree(by_speed_rad, speed, gained, passed_s)) {
+                // a loop period more or less, by the way that it has gone
+                if (speed != 0 && reports == 1)
+                    passed_s = std::clamp(by_speed_rad / speed, passed_s - loop_period_s_,
+                                          passed_s + loop_period_s_);
+                const double rate = gained / passed_s;
+                off_rad_ = off_s2_ * rate;
+                if (reports > 1)
+                    half_way_rad = report_period_s_ / 2 * (reported.speed_rad_per_s + ahead_s_ * rate);
+            }
         }
-        if (last_.time_ns > 0 && reports >= 1) off_rad_ = off_s2_ * gained / passed_s;
-        if (reports != 1)
-            mean_rad -= report_period_s_ / 2 * (reported.speed_rad_per_s + ahead_s_ / off_s2_ * off_rad_);
         last_ = reported;
-        angle_ = {mean_rad + off_rad_, reported.speed_rad_per_s, reported.time_ns - half_period_ns_};
+        angle_ = {reported.position_rad - half_way_rad + off_rad_, reported.speed_rad_per_s,
+                  reported.time_ns - half_period_ns_};
         return angle_;
     }
+    // Position and speed are of one loop: as far as its period, the change of the speed within the time, and
+    // a float's last digit after a thousand turns go.
+    bool agree(double by_speed_rad, double speed, double gained, double passed_s) const {
+        constexpr double kDigit_rad = 4e-4;
+        return std::abs(by_speed_rad - speed * passed_s) <=
+               2 * loop_period_s_ * std::abs(speed) + (passed_s / 3 + ahead_s_ / 20) * std::abs(gained) +
+                   kDigit_rad;
+    }
 
+    static constexpr double kMostReports = 4;
     double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;
     std::int64_t half_period_ns_ = 0;
     EncoderSample last_, angle_;

@@ -152,27 +152,67 @@ TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
     behind.configure(0.01, 1e-4, kCycle_s);
     constexpr double kOff_s2 = 0.01 * (0.01 - 2e-4), kAhead_s = 0.02 - 0.5e-4;
     EncoderBehindLoop later = behind;
-    DOUBLES_EQUAL(2 - 0.5e-3 * 6, later.sample({2, 6, 700'000'000}).position_rad, 1e-12);  // the first
+    DOUBLES_EQUAL(2, later.sample({2, 6, 700'000'000}).position_rad, 1e-12);  // nothing came before
     const auto check = [&](double position_rad, double speed, std::int64_t time_ns, double mean_rad,
                            double off_rad) {
         const EncoderSample angle = behind.sample({position_rad, speed, time_ns});
         DOUBLES_EQUAL(mean_rad + off_rad, angle.position_rad, 1e-12);
         DOUBLES_EQUAL(std::abs(off_rad) / 30, behind.unsure_rad(), 1e-12);
     };
-    check(2, 6, 1, 2 - 0.5e-3 * 6, 0);  // nothing came before
-    // in a row: speed 0.5, in 1.05 ms by the way
-    check(2 + kAhead_s * -11 + 0.5 * 1.05e-3, -5, 1'000'001, 2 + (kAhead_s * -11 + 0.5 * 1.05e-3) / 2,
-          kOff_s2 * -11 / 1.05e-3);
-    behind.configure(0.01, 1e-4, kCycle_s);
-    check(3, 0.5, 500'000'000, 3 - 0.5e-3 * (0.5 + kAhead_s * 5.5 / 0.499), kOff_s2 * 5.5 / 0.499);
-    // speed 1, in 1.05 ms by the way, and in no more than 1.1
-    const double way_rad = kAhead_s + 1.05e-3;
-    check(3 + way_rad, 1.5, 501'000'000, 3 + way_rad / 2, kOff_s2 / 1.05e-3);
-    check(4, 2.5, 502'000'000, (7 + way_rad) / 2, kOff_s2 / 1.1e-3);
-    // the clock has gone back
-    check(5, 9, 400'000'000, 5 - 0.5e-3 * (9 + kAhead_s / 1.1e-3), kOff_s2 / 1.1e-3);
-    const double last_rad = behind.sample({5, 9, 400'000'000}).position_rad;
-    DOUBLES_EQUAL(last_rad, behind.sample({0, 0, 0}).position_rad, 0);  // nothing was told
+    double at_rad = 2, speed = 0;
+    std::int64_t at_ns = 1;
+    check(at_rad, speed, at_ns, 2, 0);
+    // So much speed is gained in this time, by the way, in so many periods of the reports.
+    const auto next = [&](double gained, int reports, double by_way_s, double passed_s) {
+        const double mean_speed = speed + gained / 2;
+        const double way_rad = kAhead_s * gained + mean_speed * by_way_s;
+        speed += gained;
+        at_rad += way_rad;
+        at_ns += reports * 1'000'000;
+        const double back_rad =
+            reports == 1 ? way_rad / 2 : kCycle_s / 2 * (speed + kAhead_s * gained / passed_s);
+        check(at_rad, speed, at_ns, at_rad - back_rad, kOff_s2 * gained / passed_s);
+    };
+    next(2, 1, 1.05e-3, 1.05e-3);  // a mean speed of 1
+    next(-4, 1, 1.05e-3, 1e-3);    // of 0, which tells no time
+    next(7, 1, 1.15e-3, 1.1e-3);   // not more than a period of the loop longer,
+    next(7, 1, 0.85e-3, 0.9e-3);   // or shorter
+    for (const int reports : {2, 3, 4}) next(-3, reports, 1e-3 * reports, 1e-3 * reports);
+    check(at_rad + 1, speed, at_ns + 5'000'000, at_rad + 1, 0);           // too late to follow
+    check(at_rad, speed, at_ns, at_rad, 0);                               // the clock has gone back
+    DOUBLES_EQUAL(at_rad, behind.sample({0, 0, 0}).position_rad, 1e-12);  // nothing was told
+}
+
+// Position and speed are of one loop: as far as two of its periods, a third of the time and a tenth of the
+// lag for what the speed has gained, and a digit go.
+TEST(EncoderLoop, a_speed_that_is_not_the_positions_own_undoes_nothing) {
+    constexpr double kLoop_s = 1e-4, kLag_s = 0.01, kAhead_s = 2 * kLag_s - kLoop_s / 2;
+    struct Row {
+        double from, gained;
+        int reports;
+    };
+    for (const Row& row : {Row{0, 0, 1}, {40, 0, 1}, {-40, 0, 2}, {0, 6, 1}, {0, -6, 3}, {30, 5, 2}}) {
+        const double passed_s = row.reports * kCycle_s;
+        const double speed = row.from + row.gained / 2;
+        const double most_rad =
+            2 * kLoop_s * std::abs(speed) + (passed_s / 3 + kAhead_s / 20) * std::abs(row.gained) + 4e-4;
+        for (const double off : {-1.001, -0.999, 0.999, 1.001}) {
+            EncoderBehindLoop behind;
+            behind.configure(kLag_s, kLoop_s, kCycle_s);
+            behind.sample({3, row.from, 8'000'000});
+            const double way_rad = kAhead_s * row.gained + speed * passed_s + off * most_rad;
+            const EncoderSample angle =
+                behind.sample({3 + way_rad, row.from + row.gained, 8'000'000 + row.reports * 1'000'000});
+            if (std::abs(off) > 1) {
+                DOUBLES_EQUAL(0, behind.unsure_rad(), 0);
+                DOUBLES_EQUAL(3 + way_rad * (1 - 0.5 / row.reports), angle.position_rad, 1e-12);
+            } else if (row.gained != 0) {
+                CHECK(behind.unsure_rad() > 0);
+            } else if (row.reports > 1) {
+                DOUBLES_EQUAL(3 + way_rad - kCycle_s / 2 * row.from, angle.position_rad, 1e-12);
+            }
+        }
+    }
 }
 
 // Reports of a drive that computes its loop seven to nine times between them.

@@ -170,7 +170,6 @@ void random_mode(Scene& s) {
 void begin_arming(Scene& s) {
     s.amount = s.uniform(0, 60);
     s.sim().host().mode(Mode::idle);
-    s.sim().world().plant().place(s.sim().world().pose(), {});
 }
 bool while_arming(Scene& s) {
     const auto& supervisor = s.sim().cycle().supervisor();

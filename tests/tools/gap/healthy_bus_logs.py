@@ -105,7 +105,10 @@ class Robot:
             answer = json.load(file)
         if answer["verdict"] == "unusable_log":
             return "unusable_log", text.splitlines()[-1:]
-        for value in re.search(r"encoder loops have (\S+) \(left\) and (\S+) ", text).groups():
+        seen = re.search(r"encoder loops have (\S+) \(left\) and (\S+) ", text)
+        if not seen and self.loop_rad_per_s < SLOWEST_UNSEEN_rad_per_s:
+            return "loop not seen", []
+        for value in seen.groups() if seen else ():
             if self.loop_rad_per_s < SLOWEST_UNSEEN_rad_per_s and abs(float(value) / self.loop_rad_per_s - 1) > LOOP_WITHIN:
                 return "loop misread", [value]
         words = [f"{e['name']} {p['value']:.3g} +- {p['standard_error']:.2g}"

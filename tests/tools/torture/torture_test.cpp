@@ -36,7 +36,7 @@ struct Known {
 constexpr Known kKnown[] = {
     // clang-format off
     {"lie_sign", 141021, "late"},
-    {"lie_frozen", 141021, "late"},
+    {"lie_frozen", 321064, "late"},
     {"lie_frame_repeated", 151177, "late"},
     {"lie_half_speed", 29, "quicker"},
     {"swapped_nodes", 141062, "quicker"},
