@@ -36,10 +36,10 @@ template <typename Real>
 class DelayEstimator {
   public:
     // options.delay_s and tap_spacing_s are ignored, and rows are not longer than kLongestKernel_s makes
-    // them: a delay shows in the fast part of the motion, and short rows survive samples that are missing now
-    // and then.
+    // them, or half of what noise makes of the others: a delay shows in the fast part of the motion, and short
+    // rows survive samples that are missing now and then.
     void configure(RegressionFilterOptions<Real> options) {
-        options.kernel_s = std::min(options.kernel_s, kLongestKernel_s);
+        options.kernel_s = std::min(options.kernel_s, std::max(kLongestKernel_s, options.kernel_s / 2));
         first_tap_s_ = static_cast<Real>(options.sample_age_s);
         options.delay_s = options.sample_age_s + kTapSpacing_s * (kTaps - 1) / 2;
         options.tap_spacing_s = kTapSpacing_s;
@@ -97,7 +97,7 @@ class DelayEstimator {
     static constexpr int kTaps = 4;
     static constexpr double kTapSpacing_s = 0.002;
     static constexpr double kLongestFurther_s = 0.008;
-    static constexpr double kLongestKernel_s = 0.04;
+    static constexpr double kLongestKernel_s = 0.0285;
     static constexpr int kTap = 2;  // the first, behind the velocity product and the mirrored one
     static constexpr int kCrossTorque = kTap + kTaps;
     static constexpr int kFixed = kCrossTorque + 1;
