@@ -13,12 +13,8 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <cmath>
-#include <cstddef>
 #include <cstdint>
-
-#include "firmware/model/types.hpp"
 
 namespace wheelwright::control {
 
@@ -105,7 +101,7 @@ class EncoderBehindLoop {
     // The mean angle in the period before a report, at the middle of it. Where position and speed are not of
     // one loop, the mean of the positions.
     EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
-    // Of that angle: a hundredth of the lag is two of its square, and one of the time that has passed.
+    // Of that angle, where the lag is known to a hundredth: two hundredths by its square, one by the time.
     double unsure_rad() const { return undone() ? std::abs(off_rad_) / 30 : 0; }
 
   private:
@@ -137,8 +133,8 @@ class EncoderBehindLoop {
                   reported.time_ns - half_period_ns_};
         return angle_;
     }
-    // Position and speed are of one loop: as far as its period, the change of the speed within the time, and
-    // a float's last digit after a thousand turns go.
+    // Position and speed are of one loop: but for a period of it at either end, the curve of the speed
+    // between the reports, a twentieth of the lag, and a float's last digit after a thousand turns.
     bool agree(double by_speed_rad, double speed, double gained, double passed_s) const {
         constexpr double kDigit_rad = 4e-4;
         return std::abs(by_speed_rad - speed * passed_s) <=

@@ -454,8 +454,8 @@ inline double fastest_wheel_rad_per_s(const model::RobotParameters& from) {
 }
 
 // By which a wheel's angle may leap as it turns, for its encoder is coarse. Where the encoders' noise was
-// measured: a step leaves a twelfth root of it as noise, half of which a drive's own estimator takes away;
-// and three times as much, as the noise is the mean of two.
+// measured: a step leaves a twelfth root of it as noise, half of which a drive's own estimator takes away
+// where it is not undone; and three times as much, as the noise is the mean of two.
 inline double encoder_step_rad(const model::RobotParameters& from) {
     constexpr double kStepPerNoise = 20;
     const double noise_rad = from.velocity_loop.angle_noise_rad;

@@ -46,6 +46,31 @@ struct Wheel {
     }
 };
 
+// Reports of a drive that computes its loop seven to nine times between them.
+struct Reports {
+    Wheel wheel;
+    DriveLoop loop;
+    EncoderBehindLoop behind;
+    double mean_rad = 0;  // of the angles since the last report
+    std::int64_t time_ns = 5'000'000'000;
+    bool stands = false;
+
+    explicit Reports(double bandwidth_rad_per_s) : loop{bandwidth_rad_per_s} {
+        behind.configure(1 / bandwidth_rad_per_s, kPeriod_s, kCycle_s);
+    }
+    EncoderSample next(int periods = kPeriods) {
+        mean_rad = 0;
+        if (!stands) wheel.begin_cycle();
+        for (int i = 0; i < periods; ++i) {
+            if (!stands) wheel.step();
+            loop.take(wheel.angle_rad);
+            mean_rad += wheel.angle_rad / periods;
+        }
+        time_ns += 1'000'000;
+        return {loop.position_rad, loop.speed_rad_per_s, time_ns};
+    }
+};
+
 }  // namespace
 
 TEST_GROUP(EncoderLoop){};
@@ -75,19 +100,13 @@ TEST(EncoderLoop, its_lag_is_read_from_reports_of_a_noisy_encoder_with_some_miss
 TEST(EncoderLoop, a_lag_that_the_reports_do_not_tell_for_sure_is_the_one_that_was_known) {
     // Where positions and speeds have nothing to do with each other no lag is told, at first none anyway.
     for (const double noise_rad : {0.0, 1e-5, 3e-3}) {
-        Wheel wheel;
-        DriveLoop loop{200};
+        Reports reports(200);
         std::normal_distribution noise(0.0, 1.0);
         EncoderLoopLag lag;
         for (int cycle = 1; cycle <= 1000; ++cycle) {
-            wheel.begin_cycle();
-            for (int i = 0; i < kPeriods; ++i) {
-                wheel.step();
-                loop.take(wheel.angle_rad);
-            }
-            lag.take({loop.position_rad + noise_rad * noise(wheel.random), loop.speed_rad_per_s,
-                      std::int64_t{1'000'000} * cycle},
-                     kCycle_s);
+            EncoderSample reported = reports.next();
+            reported.position_rad += noise_rad * noise(reports.wheel.random);
+            lag.take(reported, kCycle_s);
             // the first report begins the first of five spans of 20 ms
             const bool known = cycle > 5 * 20 && noise_rad < 1e-3;
             if (cycle != 101 && cycle < 900) continue;
@@ -129,19 +148,12 @@ TEST(EncoderLoop, a_lag_is_known_with_a_standard_error_of_a_fiftieth_of_it_and_o
 
 TEST(EncoderLoop, of_two_reports_in_a_cycle_one_may_be_missed_but_not_three_in_a_row) {
     for (const int apart : {1, 2, 3, 4}) {
-        Wheel wheel;
-        DriveLoop loop{200};
+        Reports reports(200);
         EncoderLoopLag lag;
         for (int cycle = 1; cycle <= 2000; ++cycle) {
-            wheel.begin_cycle();
-            for (int i = 0; i < kPeriods; ++i) {
-                wheel.step();
-                loop.take(wheel.angle_rad);
-            }
+            const EncoderSample reported = reports.next();
             const bool silent = cycle > 700 && cycle < 1200;  // begins anew
-            if (cycle % apart == 0 && !silent)
-                lag.take({loop.position_rad, loop.speed_rad_per_s, std::int64_t{1'000'000} * cycle},
-                         kCycle_s);
+            if (cycle % apart == 0 && !silent) lag.take(reported, kCycle_s);
         }
         DOUBLES_EQUAL(apart < 3 ? 0.005 : 0.123, lag.lag_s(kPeriod_s, kCycle_s, 0.123), 1e-4);
     }
@@ -214,31 +226,6 @@ TEST(EncoderLoop, a_speed_that_is_not_the_positions_own_undoes_nothing) {
         }
     }
 }
-
-// Reports of a drive that computes its loop seven to nine times between them.
-struct Reports {
-    Wheel wheel;
-    DriveLoop loop;
-    EncoderBehindLoop behind;
-    double mean_rad = 0;  // of the angles since the last report
-    std::int64_t time_ns = 5'000'000'000;
-    bool stands = false;
-
-    explicit Reports(double bandwidth_rad_per_s) : loop{bandwidth_rad_per_s} {
-        behind.configure(1 / bandwidth_rad_per_s, kPeriod_s, kCycle_s);
-    }
-    EncoderSample next(int periods) {
-        mean_rad = 0;
-        if (!stands) wheel.begin_cycle();
-        for (int i = 0; i < periods; ++i) {
-            if (!stands) wheel.step();
-            loop.take(wheel.angle_rad);
-            mean_rad += wheel.angle_rad / periods;
-        }
-        time_ns += 1'000'000;
-        return {loop.position_rad, loop.speed_rad_per_s, time_ns};
-    }
-};
 
 TEST(EncoderLoop, undone_it_is_the_mean_angle_between_two_reports) {
     for (const double bandwidth : {60.0, 100.0, 330.0, 1000.0, 1900.0}) {
