@@ -36,8 +36,8 @@ template <typename Real>
 class DelayEstimator {
   public:
     // options.delay_s and tap_spacing_s are ignored, and rows are not longer than kLongestKernel_s makes
-    // them, or half of what noise makes of the others: a delay shows in the fast part of the motion, and short
-    // rows survive samples that are missing now and then.
+    // them, or half of what noise makes of the others: a delay shows in the fast part of the motion, and
+    // short rows survive samples that are missing now and then.
     void configure(RegressionFilterOptions<Real> options) {
         options.kernel_s = std::min(options.kernel_s, std::max(kLongestKernel_s, options.kernel_s / 2));
         first_tap_s_ = static_cast<Real>(options.sample_age_s);
