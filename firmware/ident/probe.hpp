@@ -553,7 +553,7 @@ class Probe {
         const WheelPair<double>& own = found_.pushed_m_per_s2_Nm;
         const double apart = std::max(own_error(), kPushedApart * std::max(own.left, own.right));
         const std::size_t quicker = own.right > own.left ? 1 : 0;
-        found_.on_floor = speed_witness_.on_floor() || sides_.rolls(quicker);
+        found_.on_floor = speed_witness_.on_floor(quicker) || sides_.rolls(quicker);
         const IdentCause fault =
             wheel_off_ground({own, found_.dragged_m_per_s2_Nm}, own_error(), apart,
                              !found_.on_floor && (pushed_well_ || ran_free_ != IdentCause::none));

@@ -46,11 +46,12 @@ class SpeedWitness {
         return cells > 0 ? sum / cells : 0;
     }
 
-    // Both wheels are. False tells nothing. What shows at one wheel only is in both patterns alike.
-    bool on_floor() const {
-        const Patterns seen = patterns();
-        const auto [less, more] = std::minmax({std::abs(seen.filed), std::abs(seen.mirrored)});
-        return more > std::max(kSureOfFloor * seen.error, kClear * less);
+    // This wheel is: it knows of the other one. False tells nothing.
+    bool on_floor(std::size_t wheel) const {
+        const Value seen = more_in_turn(wheel);
+        const double slows = friction_m_per_s2() + std::max(scrub_m_per_s2(), 0.0);
+        return std::abs(seen.value) >
+               std::max((by_four() ? kWheelSureByFour : kWheelSure) * seen.error, kUnlikeTurns * slows);
     }
 
     // unknown until each wheel has been pushed twice in each direction, straight on and turning.
@@ -69,7 +70,7 @@ class SpeedWitness {
     // Standard errors that chance exceeds twice in 10^5, by two pushes in each of eight cells, and by four in
     // those of the turns (ident.ProbeParts counts).
     static constexpr double kSure = 10, kSureByFour = 7.5;
-    static constexpr double kSureOfFloor = 6;  // by four pushes in each, as of wheels that answer unlike
+    static constexpr double kWheelSure = 24, kWheelSureByFour = 7;  // the same of one wheel's four cells
     // Wheels that answer unlike show in the other pattern too: half as much where one does three times as
     // much as the other.
     static constexpr double kClear = 2;
