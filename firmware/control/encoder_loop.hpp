@@ -7,7 +7,8 @@
 //
 // EncoderLoopLag reads 1 / b from the reports: of both holds, whatever the wheel does and however noisy the
 // encoder is, p' = v + 2 / b v'. EncoderBehindLoop gives the angle: between two reports it was off p by
-// v' / b^2, in the mean. Its noise is that of the encoder, which the loop would have smoothed.
+// v' / b^2, in the mean. Its noise is that of the encoder, which the loop would have smoothed. EncoderScale
+// tells positions and speeds that cannot be of one encoder.
 //
 // Some ten operations each for a report. No allocation.
 #pragma once
@@ -28,6 +29,7 @@ struct EncoderSample {
 struct EncoderAngle {
     double position_rad = 0, angle_rad = 0, unsure_rad = 0;
     std::int64_t time_ns = 0;
+    bool two_scales = false;  // positions and speeds are
 };
 
 // Slower loops no drive needs.
@@ -37,52 +39,122 @@ inline double seconds_between(const EncoderSample& from, const EncoderSample& to
     return 1e-9 * static_cast<double>(to.time_ns - from.time_ns);
 }
 
+// What a drive's reports tell over spans of time: how far its position has gone, how far its speeds have, and
+// what it gained of speed.
+class ReportedSpans {
+  public:
+    explicit ReportedSpans(double span_s) : span_s_(span_s) {}
+
+    // Each report once. After a time without any it begins anew: who reads them once in a cycle may miss one
+    // of two that fall into one. True: a span has ended.
+    bool take(const EncoderSample& reported, double period_s) {
+        if (reported.time_ns == last_.time_ns) return false;
+        const double since_s = period_s * std::round(seconds_between(last_, reported) / period_s);
+        const bool follows = last_.time_ns > 0 && since_s > 0 && since_s < kMostMissed * period_s;
+        if (follows) summed_rad_ += since_s * (last_.speed_rad_per_s + reported.speed_rad_per_s) / 2;
+        last_ = reported;
+        passed_s_ += since_s;
+        if (follows && passed_s_ < span_s_) return false;
+        by_position_rad_ = reported.position_rad - from_.position_rad;
+        by_speed_rad_ = summed_rad_;
+        gained_rad_per_s_ = reported.speed_rad_per_s - from_.speed_rad_per_s;
+        from_ = reported;
+        summed_rad_ = passed_s_ = 0;
+        return follows;
+    }
+
+    double by_position_rad() const { return by_position_rad_; }
+    double by_speed_rad() const { return by_speed_rad_; }
+    double gained_rad_per_s() const { return gained_rad_per_s_; }
+
+  private:
+    static constexpr double kMostMissed = 2.5;  // periods
+    double span_s_;
+    EncoderSample last_, from_;
+    double summed_rad_ = 0, passed_s_ = 0;
+    double by_position_rad_ = 0, by_speed_rad_ = 0, gained_rad_per_s_ = 0;
+};
+
 // From p(t) - p(0) - (integral of v) = 2 / b (v(t) - v(0)), over spans of 20 ms; what the integral between
 // reports lacks is as likely to add to either end.
 class EncoderLoopLag {
   public:
-    // Each report once. After a time without any it begins anew: who reads them once in a cycle may miss one
-    // of two that fall into one.
     void take(const EncoderSample& reported, double period_s) {
-        if (reported.time_ns == last_.time_ns) return;
-        const double since_s = period_s * std::round(seconds_between(last_, reported) / period_s);
-        const bool follows = last_.time_ns > 0 && since_s > 0 && since_s < kMostMissed * period_s;
-        if (follows) path_rad_ += since_s * (last_.speed_rad_per_s + reported.speed_rad_per_s) / 2;
-        last_ = reported;
-        passed_s_ += since_s;
-        if (follows && passed_s_ < kSpan_s) return;
-        if (follows) {
-            const double gained = reported.speed_rad_per_s - from_.speed_rad_per_s;
-            const double ahead = reported.position_rad - from_.position_rad - path_rad_;
-            product_ += gained * ahead;
-            gained_square_ += gained * gained;
-            ahead_square_ += ahead * ahead;
-            ++spans_;
-        }
-        from_ = reported;
-        path_rad_ = passed_s_ = 0;
+        if (!spans_.take(reported, period_s)) return;
+        const double gained = spans_.gained_rad_per_s();
+        const double ahead = spans_.by_position_rad() - spans_.by_speed_rad();
+        product_ += gained * ahead;
+        gained_square_ += gained * gained;
+        ahead_square_ += ahead * ahead;
+        ++ended_;
     }
 
     // 1 / b; `unless_known_s` while its standard error is more than a fiftieth of it and of a period. A
     // drive that computes its loop in periods of `loop_period_s` sums the speeds from before each of them:
     // its own sum is shorter than the integral.
     double lag_s(double loop_period_s, double period_s, double unless_known_s = 0) const {
-        if (spans_ < kFewestSpans || !(gained_square_ > 0)) return unless_known_s;
+        if (ended_ < kFewestSpans || !(gained_square_ > 0)) return unless_known_s;
         const double slope_s = product_ / gained_square_;
         const double lag_s = std::clamp((slope_s + loop_period_s / 2) / 2, 0.0, kLongestEncoderLag_s);
         const double unexplained = std::max(ahead_square_ / gained_square_ - slope_s * slope_s, 0.0);
         const double sure_s = std::max(lag_s, period_s) / 50;
-        return unexplained <= 4 * sure_s * sure_s * (spans_ - 1) ? lag_s : unless_known_s;
+        return unexplained <= 4 * sure_s * sure_s * (ended_ - 1) ? lag_s : unless_known_s;
     }
 
   private:
     static constexpr int kFewestSpans = 5;
-    static constexpr double kMostMissed = 2.5;  // periods
-    static constexpr double kSpan_s = 0.02;     // long beside a period, short beside a clock's error
-    EncoderSample last_, from_;
-    double path_rad_ = 0, passed_s_ = 0;
+    static constexpr double kSpan_s = 0.02;  // long beside a period, short beside a clock's error
+    ReportedSpans spans_{kSpan_s};
     double product_ = 0, gained_square_ = 0, ahead_square_ = 0;
-    int spans_ = 0;
+    int ended_ = 0;
+};
+
+// Whether a drive's positions and speeds are of two scales: by the same equation the one is another multiple
+// of the other, again and again. Then one of them is no motion of the wheel, and nobody knows which.
+// Speeds that have nothing to do with the positions are none of its business.
+class EncoderScale {
+  public:
+    // `lag_s`: 1 / b; 0: not known.
+    void configure(double lag_s) {
+        ahead_s_ = 2 * lag_s;
+        unsure_s_ = lag_s > 0 ? kLagUnsure * ahead_s_ : 2 * kLongestEncoderLag_s;
+    }
+    void take(const EncoderSample& reported, double period_s) {
+        if (spans_.take(reported, period_s)) end_span();
+    }
+    // Of what has been told in about the last 50 ms.
+    bool differs() const { return differs_; }
+
+  private:
+    [[gnu::noinline]] void end_span() {
+        const double gained = spans_.gained_rad_per_s();
+        const double by_speed = spans_.by_speed_rad() + ahead_s_ * gained;
+        const double off = spans_.by_position_rad() - by_speed;
+        const double by_position =
+            by_speed + std::copysign(std::max(std::abs(off) - unsure_s_ * std::abs(gained), 0.0), off);
+        const auto add = [](double& sum, double value) { sum = kKept * sum + value; };
+        add(size_, std::abs(by_speed));
+        add(speed_square_, by_speed * by_speed);
+        add(position_square_, by_position * by_position);
+        add(product_, by_speed * by_position);
+        const double scale = product_ / speed_square_;
+        differs_ = speed_square_ >= kLeast_rad * kLeast_rad &&
+                   size_ * size_ >= kFewestSpans * speed_square_ &&  // no single one of them
+                   std::abs(scale) >= kUnlike && std::abs(scale - 1) >= kUnlike &&
+                   scale * product_ >= kAlike * position_square_;
+    }
+
+    static constexpr double kSpan_s = 0.005;
+    static constexpr double kKept = 0.85;      // from span to span
+    static constexpr double kFewestSpans = 6;  // of the twelve that are remembered
+    static constexpr double kUnlike = 0.25;
+    static constexpr double kAlike = 0.98;      // of the positions' squares
+    static constexpr double kLeast_rad = 0.01;  // two counts of a coarse encoder
+    static constexpr double kLagUnsure = 0.1;
+    ReportedSpans spans_{kSpan_s};
+    double ahead_s_ = 0, unsure_s_ = 2 * kLongestEncoderLag_s;
+    double size_ = 0, speed_square_ = 0, position_square_ = 0, product_ = 0;
+    bool differs_ = false;
 };
 
 // The angle that the encoder itself has shown.
@@ -117,7 +189,8 @@ class EncoderBehindLoop {
             const double by_speed_rad = way_rad - ahead_s_ * gained;
             double passed_s = reports * report_period_s_;
             half_way_rad = way_rad / (2 * reports);
-            if (agree(by_speed_rad, speed, gained, passed_s)) {
+            agreed_ = agree(by_speed_rad, speed, gained, passed_s) ? std::min(agreed_ + 1, kNotByChance) : 0;
+            if (agreed_ == kNotByChance) {
                 // a loop period more or less, by the way that it has gone
                 if (speed != 0 && reports == 1)
                     passed_s = std::clamp(by_speed_rad / speed, passed_s - loop_period_s_,
@@ -143,10 +216,12 @@ class EncoderBehindLoop {
     }
 
     static constexpr double kMostReports = 4;
+    static constexpr int kNotByChance = 3;  // reports in a row
     double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;
     std::int64_t half_period_ns_ = 0;
     EncoderSample last_, angle_;
     double off_rad_ = 0;
+    int agreed_ = kNotByChance;
 };
 
 }  // namespace wheelwright::control

@@ -19,14 +19,18 @@ void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
     for (std::size_t i = 0; i < loop_.size(); ++i) {
         const bool before = loop_[i].undone();
         loop_[i].configure(lags_s[i], encoder_loop_period_s_, encoder_period_s_);
+        scale_[i].configure(lags_s[i]);
         if (loop_[i].undone() != before) observer_.begin_new_clock();
     }
 }
 
 Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plant) {
     const auto angle = [this](std::size_t i, const drivers::DriveFeedback& f) {
-        const control::EncoderSample sample = loop_[i].sample(encoder_sample(f));
-        encoder_[i] = {f.position_rad, sample.position_rad, loop_[i].unsure_rad(), sample.time_ns};
+        const control::EncoderSample reported = encoder_sample(f);
+        const control::EncoderSample sample = loop_[i].sample(reported);
+        scale_[i].take(reported, encoder_period_s_);
+        encoder_[i] = {f.position_rad, sample.position_rad, loop_[i].unsure_rad(), sample.time_ns,
+                       scale_[i].differs()};
         return sample;
     };
     observer_.update(told.now_ns, angle(0, told.left), angle(1, told.right), plant);

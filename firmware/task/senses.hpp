@@ -69,6 +69,7 @@ class Senses {
 
   private:
     std::array<control::EncoderBehindLoop, 2> loop_;
+    std::array<control::EncoderScale, 2> scale_;
     std::array<control::EncoderAngle, 2> encoder_;
     double encoder_loop_period_s_ = 0, encoder_period_s_ = 0;
     control::WheelObserver<Real> observer_;

@@ -297,3 +297,129 @@ TEST(EncoderLoop, one_that_follows_within_half_a_period_or_is_not_known_changes_
     CHECK(behind.undone());
     same({0, 0, 0});  // nothing was reported yet
 }
+
+// A single report may agree by chance, and one that does not is followed by others.
+TEST(EncoderLoop, after_a_speed_that_is_not_the_positions_own_three_have_to_be) {
+    EncoderBehindLoop behind;
+    behind.configure(0.01, 1e-4, kCycle_s);
+    constexpr double kAhead_s = 0.02 - 0.5e-4;
+    double position_rad = 1, speed = 0;
+    std::int64_t time_ns = 9'000'000;
+    const auto undone = [&](double off_rad) {
+        position_rad += kAhead_s + (speed + 0.5) * kCycle_s + off_rad;
+        speed += 1;
+        time_ns += 1'000'000;
+        behind.sample({position_rad, speed, time_ns});
+        return behind.unsure_rad() > 0;
+    };
+    behind.sample({position_rad, speed, time_ns});
+    CHECK(undone(0));
+    CHECK_FALSE(undone(0.1));
+    for (const bool again : {false, false, true, true}) CHECK_EQUAL(again, undone(0));
+}
+
+namespace {
+
+// What of a wheel's motion a drive tells as its position and as its speed, each cycle.
+struct Scales {
+    double lag_s = 0.001, position = 1, speed = 1;
+    Reports reports{1000};
+    EncoderScale scale;
+    int cycles = 0;
+    double from_rad = 0;
+
+    explicit Scales(double known_lag_s = 0.001) { scale.configure(known_lag_s); }
+    bool differs(int more_cycles) {
+        for (int n = 0; n < more_cycles; ++n) {
+            EncoderSample reported = reports.next();
+            if (cycles++ == 0) from_rad = reported.position_rad;
+            reported.position_rad = from_rad + position * (reported.position_rad - from_rad);
+            reported.speed_rad_per_s *= speed;
+            for (int seen = 0; seen < 2; ++seen) scale.take(reported, kCycle_s);
+        }
+        return scale.differs();
+    }
+    int differing(int more_cycles) {
+        int count = 0;
+        for (int n = 0; n < more_cycles; ++n) count += differs(1);
+        return count;
+    }
+};
+
+}  // namespace
+
+TEST(EncoderLoop, positions_and_speeds_of_one_scale_do_not_differ) {
+    for (const double known_lag_s : {0.0, 0.0009, 0.001, 0.0011}) {
+        Scales scales(known_lag_s);
+        LONGS_EQUAL(0, scales.differing(20'000));
+        scales.reports.stands = true;
+        LONGS_EQUAL(0, scales.differing(2000));
+    }
+    for (const double share : {0.8, 1.2}) {  // as far as units and clocks may be wrong
+        Scales scales;
+        scales.position = share;
+        LONGS_EQUAL(0, scales.differing(20'000));
+    }
+}
+
+TEST(EncoderLoop, positions_or_speeds_that_tell_another_multiple_of_the_way_do) {
+    for (const double share : {-1.0, 0.4, 0.5, 0.7, 1.5, 2.0}) {
+        for (const bool of_speed : {false, true}) {
+            Scales scales;
+            (of_speed ? scales.speed : scales.position) = share;
+            const int told = scales.differing(20'000);
+            std::printf("  %.1f of the %s: %.2f of the time\n", share, of_speed ? "speed" : "position",
+                        told / 2e4);
+            CHECK(told > 15'000);
+            scales.position = scales.speed = 1;
+            scales.differs(200);
+            LONGS_EQUAL(0, scales.differing(2000));
+            scales.reports.stands = true;
+            scales.position = 0.5;
+            scales.differs(500);
+            CHECK_FALSE(scales.scale.differs());  // of long ago
+        }
+    }
+    // on the way at a steady speed: known after some spans, and the lag need not be
+    for (const double known_lag_s : {0.0, 0.001}) {
+        EncoderScale scale;
+        scale.configure(known_lag_s);
+        int cycle = 0;
+        double position_rad = 3;
+        const auto next = [&](double share) {
+            position_rad += share * 5 * kCycle_s;
+            scale.take({position_rad, 5, std::int64_t{1'000'000} * ++cycle}, kCycle_s);
+            return scale.differs();
+        };
+        for (int n = 0; n < 1000; ++n) CHECK_FALSE(next(1));
+        int unseen = 0;
+        while (!next(0.5)) ++unseen;
+        std::printf("  half of the way is told after %d ms\n", unseen);
+        CHECK(unseen < 125);
+    }
+}
+
+// Neither speeds that have nothing to do with the positions, nor a wild one, nor what a wheel that hardly
+// turns tells: a position that stands is the encoder watch's.
+TEST(EncoderLoop, speeds_that_are_no_multiple_of_the_positions_do_not_differ_from_them) {
+    std::mt19937 random{11};
+    std::uniform_real_distribution any(-100.0, 100.0);
+    EncoderScale scale;
+    scale.configure(0.001);
+    double position_rad = 0;
+    for (int cycle = 1; cycle < 100'000; ++cycle) {
+        const double speed = cycle < 50'000 ? 4 : 0;
+        position_rad += speed * kCycle_s;
+        scale.take({position_rad, any(random), std::int64_t{1'000'000} * cycle}, kCycle_s);
+        CHECK_FALSE(scale.differs());
+    }
+    EncoderScale wild;
+    wild.configure(0.001);
+    EncoderScale slow = wild;
+    for (int cycle = 1; cycle < 1000; ++cycle) {
+        const auto time_ns = std::int64_t{1'000'000} * cycle;
+        wild.take({4e-3 * cycle, cycle == 500 ? 1e30 : 4.0, time_ns}, kCycle_s);
+        slow.take({0.3e-3 * cycle, 0.6, time_ns}, kCycle_s);
+        CHECK_FALSE(wild.differs() || slow.differs());
+    }
+}

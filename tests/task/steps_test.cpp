@@ -381,6 +381,28 @@ TEST(CycleSteps, observe_tells_what_it_was_told_and_fuses_a_pose_from_outside) {
     CHECK_FALSE(seen.sample.usable);
 }
 
+TEST(CycleSteps, observe_tells_whose_positions_and_speeds_are_of_two_scales) {
+    model::RobotParameters parameters = model::default_parameters();
+    const auto plant = control::plant_model<double>(parameters);
+    for (const std::size_t wheel : {0, 1}) {
+        Senses senses;
+        senses.configure(parameters, 0);
+        std::array<drivers::DriveFeedback, 2> drives;
+        Observed seen;
+        for (int i = 1; i < 200; ++i) {
+            for (const std::size_t each : {0, 1}) {
+                drives[each].encoder_time_ns = kCycle_ns * i;
+                drives[each].speed_rad_per_s = 4;
+                drives[each].position_rad = (each == wheel ? 2 : 4) * kCyclePeriod_s * i;
+            }
+            seen = senses.observe({kCycle_ns * i, kCyclePeriod_s, true, drives[0], drives[1], nullptr, {}},
+                                  plant);
+        }
+        CHECK((*seen.encoder)[wheel].two_scales);
+        CHECK_FALSE((*seen.encoder)[1 - wheel].two_scales);
+    }
+}
+
 TEST(CycleSteps, judge_adds_up_who_else_commands_the_drives) {
     Scene scene;
     Evidence evidence{scene.seen, scene.left, scene.right, scene.parameters.geometry.wheel_radius_m,

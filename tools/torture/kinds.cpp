@@ -202,6 +202,13 @@ double either_way(const Scene&, const WheelPair<double>& turned_rad) {
 constexpr std::string_view kSilenceNames = "stale_feedback,drive_silent,drive_left_armed_state,bus_down";
 // A drive that has left closed loop reports no torque, before its heartbeat says why.
 constexpr std::string_view kDropsOutNames = "drive_left_armed_state,torque_not_followed,foreign_control";
+// From the first frame on.
+void tell_half_of_the_way(Scene& scene, hal::CanFrame& frame) {
+    const double position = number(frame, 0);
+    if (scene.count++ == 0) scene.amount = position;
+    put(frame, 0, static_cast<float>(scene.amount + (position - scene.amount) / 2));
+}
+
 constexpr std::string_view kLieNames = "encoder_implausible,over_speed,stale_feedback";
 // The last ones are what an identification says that ends by itself.
 constexpr std::string_view kStillNames =
@@ -479,13 +486,21 @@ constexpr std::array kKinds{
                     });
                 },
                 nullptr, implausible, kImplausible, From::lie, 1.5},
-    TortureKind{"lie_half_speed", "an encoder counts half of the way", Expect::either, kLieNames,
+    TortureKind{"lie_half_speed", "an encoder's positions tell half of the way, its speeds all of it",
+                Expect::either, kLieNames,
                 [](Scene& s) {
                     hears(s, kEncoder, [](Scene& scene, hal::ReceivedFrame& r) {
-                        if (scene.count++ == 0) scene.amount = double{number(r.frame, 0)};
-                        put(r.frame, 0,
-                            static_cast<float>(scene.amount +
-                                               (double{number(r.frame, 0)} - scene.amount) / 2));
+                        tell_half_of_the_way(scene, r.frame);
+                        return Deal::pass;
+                    });
+                },
+                nullptr, nullptr, "", From::harm, 1, 10},
+    TortureKind{"lie_half_counts", "an encoder misses every other count: half of the way, half of the speed",
+                Expect::either, kLieNames,
+                [](Scene& s) {
+                    hears(s, kEncoder, [](Scene& scene, hal::ReceivedFrame& r) {
+                        tell_half_of_the_way(scene, r.frame);
+                        put(r.frame, 4, number(r.frame, 4) / 2);
                         return Deal::pass;
                     });
                 },

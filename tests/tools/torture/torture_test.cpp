@@ -38,7 +38,7 @@ constexpr Known kKnown[] = {
     {"lie_sign", 141021, "late"},
     {"lie_frozen", 321064, "late"},
     {"lie_frame_repeated", 151177, "late"},
-    {"lie_half_speed", 29, "quicker"},
+    {"lie_half_counts", 29, "quicker"},
     {"swapped_nodes", 141062, "quicker"},
     // clang-format on
 };
@@ -177,7 +177,7 @@ TEST(TortureJudge, a_robot_that_is_pushed_off_its_way_or_pushed_quicker) {
 }
 
 // Torque on a robot beyond the limits; one that coasts is nobody's.
-TEST(TortureJudge, a_robot_that_is_driven_too_fast) { sees(like("lie_half_speed"), "too fast", 71); }
+TEST(TortureJudge, a_robot_that_is_driven_too_fast) { sees(like("lie_half_counts"), "too fast", 71); }
 
 TEST(TortureJudge, a_robot_that_never_drives_again) {
     TortureKind kind = like("drive_error");
