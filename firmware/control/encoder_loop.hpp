@@ -29,7 +29,6 @@ struct EncoderSample {
 struct EncoderAngle {
     double position_rad = 0, angle_rad = 0, unsure_rad = 0;
     std::int64_t time_ns = 0;
-    bool two_scales = false;  // positions and speeds are
 };
 
 // Slower loops no drive needs.
@@ -39,74 +38,52 @@ inline double seconds_between(const EncoderSample& from, const EncoderSample& to
     return 1e-9 * static_cast<double>(to.time_ns - from.time_ns);
 }
 
-// What a drive's reports tell over spans of time: how far its position has gone, how far its speeds have, and
-// what it gained of speed.
-class ReportedSpans {
-  public:
-    explicit ReportedSpans(double span_s) : span_s_(span_s) {}
-
-    // Each report once. After a time without any it begins anew: who reads them once in a cycle may miss one
-    // of two that fall into one. True: a span has ended.
-    bool take(const EncoderSample& reported, double period_s) {
-        if (reported.time_ns == last_.time_ns) return false;
-        const double since_s = period_s * std::round(seconds_between(last_, reported) / period_s);
-        const bool follows = last_.time_ns > 0 && since_s > 0 && since_s < kMostMissed * period_s;
-        if (follows) summed_rad_ += since_s * (last_.speed_rad_per_s + reported.speed_rad_per_s) / 2;
-        last_ = reported;
-        passed_s_ += since_s;
-        if (follows && passed_s_ < span_s_) return false;
-        by_position_rad_ = reported.position_rad - from_.position_rad;
-        by_speed_rad_ = summed_rad_;
-        gained_rad_per_s_ = reported.speed_rad_per_s - from_.speed_rad_per_s;
-        from_ = reported;
-        summed_rad_ = passed_s_ = 0;
-        return follows;
-    }
-
-    double by_position_rad() const { return by_position_rad_; }
-    double by_speed_rad() const { return by_speed_rad_; }
-    double gained_rad_per_s() const { return gained_rad_per_s_; }
-
-  private:
-    static constexpr double kMostMissed = 2.5;  // periods
-    double span_s_;
-    EncoderSample last_, from_;
-    double summed_rad_ = 0, passed_s_ = 0;
-    double by_position_rad_ = 0, by_speed_rad_ = 0, gained_rad_per_s_ = 0;
-};
-
 // From p(t) - p(0) - (integral of v) = 2 / b (v(t) - v(0)), over spans of 20 ms; what the integral between
 // reports lacks is as likely to add to either end.
 class EncoderLoopLag {
   public:
+    // Each report once. After a time without any it begins anew: who reads them once in a cycle may miss one
+    // of two that fall into one.
     void take(const EncoderSample& reported, double period_s) {
-        if (!spans_.take(reported, period_s)) return;
-        const double gained = spans_.gained_rad_per_s();
-        const double ahead = spans_.by_position_rad() - spans_.by_speed_rad();
-        product_ += gained * ahead;
-        gained_square_ += gained * gained;
-        ahead_square_ += ahead * ahead;
-        ++ended_;
+        if (reported.time_ns == last_.time_ns) return;
+        const double since_s = period_s * std::round(seconds_between(last_, reported) / period_s);
+        const bool follows = last_.time_ns > 0 && since_s > 0 && since_s < kMostMissed * period_s;
+        if (follows) path_rad_ += since_s * (last_.speed_rad_per_s + reported.speed_rad_per_s) / 2;
+        last_ = reported;
+        passed_s_ += since_s;
+        if (follows && passed_s_ < kSpan_s) return;
+        if (follows) {
+            const double gained = reported.speed_rad_per_s - from_.speed_rad_per_s;
+            const double ahead = reported.position_rad - from_.position_rad - path_rad_;
+            product_ += gained * ahead;
+            gained_square_ += gained * gained;
+            ahead_square_ += ahead * ahead;
+            ++spans_;
+        }
+        from_ = reported;
+        path_rad_ = passed_s_ = 0;
     }
 
     // 1 / b; `unless_known_s` while its standard error is more than a fiftieth of it and of a period. A
     // drive that computes its loop in periods of `loop_period_s` sums the speeds from before each of them:
     // its own sum is shorter than the integral.
     double lag_s(double loop_period_s, double period_s, double unless_known_s = 0) const {
-        if (ended_ < kFewestSpans || !(gained_square_ > 0)) return unless_known_s;
+        if (spans_ < kFewestSpans || !(gained_square_ > 0)) return unless_known_s;
         const double slope_s = product_ / gained_square_;
         const double lag_s = std::clamp((slope_s + loop_period_s / 2) / 2, 0.0, kLongestEncoderLag_s);
         const double unexplained = std::max(ahead_square_ / gained_square_ - slope_s * slope_s, 0.0);
         const double sure_s = std::max(lag_s, period_s) / 50;
-        return unexplained <= 4 * sure_s * sure_s * (ended_ - 1) ? lag_s : unless_known_s;
+        return unexplained <= 4 * sure_s * sure_s * (spans_ - 1) ? lag_s : unless_known_s;
     }
 
   private:
     static constexpr int kFewestSpans = 5;
-    static constexpr double kSpan_s = 0.02;  // long beside a period, short beside a clock's error
-    ReportedSpans spans_{kSpan_s};
+    static constexpr double kMostMissed = 2.5;  // periods
+    static constexpr double kSpan_s = 0.02;     // long beside a period, short beside a clock's error
+    EncoderSample last_, from_;
+    double path_rad_ = 0, passed_s_ = 0;
     double product_ = 0, gained_square_ = 0, ahead_square_ = 0;
-    int ended_ = 0;
+    int spans_ = 0;
 };
 
 // Whether a drive's positions and speeds are of two scales: by the same equation the one is another multiple
@@ -114,22 +91,30 @@ class EncoderLoopLag {
 // Speeds that have nothing to do with the positions are none of its business.
 class EncoderScale {
   public:
+    static constexpr std::int64_t kSpan_ns = 5'000'000;  // at least, between two reports that are compared
+
     // `lag_s`: 1 / b; 0: not known.
     void configure(double lag_s) {
         ahead_s_ = 2 * lag_s;
         unsure_s_ = lag_s > 0 ? kLagUnsure * ahead_s_ : 2 * kLongestEncoderLag_s;
     }
-    void take(const EncoderSample& reported, double period_s) {
-        if (spans_.take(reported, period_s)) end_span();
+    // A report, again or not; some may be left out.
+    void take(const EncoderSample& reported) {
+        if (reported.time_ns - from_.time_ns >= kSpan_ns) end_span(reported);
     }
     // Of what has been told in about the last 50 ms.
     bool differs() const { return differs_; }
 
   private:
-    [[gnu::noinline]] void end_span() {
-        const double gained = spans_.gained_rad_per_s();
-        const double by_speed = spans_.by_speed_rad() + ahead_s_ * gained;
-        const double off = spans_.by_position_rad() - by_speed;
+    [[gnu::noinline]] void end_span(const EncoderSample& reported) {
+        const EncoderSample from = from_;
+        from_ = reported;
+        if (from.time_ns == 0 || reported.time_ns - from.time_ns > 2 * kSpan_ns) return;
+        const double gained = reported.speed_rad_per_s - from.speed_rad_per_s;
+        const double by_speed =
+            seconds_between(from, reported) * (from.speed_rad_per_s + reported.speed_rad_per_s) / 2 +
+            ahead_s_ * gained;
+        const double off = reported.position_rad - from.position_rad - by_speed;
         const double by_position =
             by_speed + std::copysign(std::max(std::abs(off) - unsure_s_ * std::abs(gained), 0.0), off);
         const auto add = [](double& sum, double value) { sum = kKept * sum + value; };
@@ -144,14 +129,13 @@ class EncoderScale {
                    scale * product_ >= kAlike * position_square_;
     }
 
-    static constexpr double kSpan_s = 0.005;
     static constexpr double kKept = 0.85;      // from span to span
     static constexpr double kFewestSpans = 6;  // of the twelve that are remembered
     static constexpr double kUnlike = 0.25;
     static constexpr double kAlike = 0.98;      // of the positions' squares
     static constexpr double kLeast_rad = 0.01;  // two counts of a coarse encoder
     static constexpr double kLagUnsure = 0.1;
-    ReportedSpans spans_{kSpan_s};
+    EncoderSample from_;
     double ahead_s_ = 0, unsure_s_ = 2 * kLongestEncoderLag_s;
     double size_ = 0, speed_square_ = 0, position_square_ = 0, product_ = 0;
     bool differs_ = false;
@@ -179,7 +163,8 @@ class EncoderBehindLoop {
   private:
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
         if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
-        const auto reports = std::round(seconds_between(last_, reported) / report_period_s_);
+        const auto reports =
+            static_cast<double>((reported.time_ns - last_.time_ns + half_period_ns_) / (2 * half_period_ns_));
         double half_way_rad = 0;
         off_rad_ = 0;
         if (last_.time_ns > 0 && reports >= 1 && reports <= kMostReports) {

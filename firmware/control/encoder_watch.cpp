@@ -77,7 +77,6 @@ bool EncoderWatch::update(Real elapsed_s, const std::array<EncoderAngle, 2>& tol
     expected_rad_per_s_.right += elapsed_s * expected.right;
     if (settings_.known_friction_Nm > 0) push(elapsed_s, observer.acting_torque_Nm(), plant);
     ++cycles_;
-    if (told[0].two_scales || told[1].two_scales) return true;
     if ((mirrored_ && model_known) || observer.both_leap()) return true;
     const WheelPair<Real> unexplained = observer.unexplained_acceleration();
     const Real friction_Nm = settings_.known_friction_Nm;

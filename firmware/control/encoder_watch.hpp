@@ -20,8 +20,6 @@
 // wheel's, is a lie. See mirrored(). An identification pushes beyond friction on purpose, and gently: there,
 // where friction is known, a wheel that goes against the push while the other one goes with it is enough.
 //
-// A drive whose positions and speeds are of two scales is a liar as well (encoder_loop.hpp).
-//
 // One thread; no allocation. update(): about 100 instructions while the wheels turn.
 #pragma once
 

@@ -89,7 +89,10 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
-    if (!long_cycle_) encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, control_.plant());
+    if (!long_cycle_) {
+        encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, control_.plant());
+        senses_.look(ports_.left.feedback(), ports_.right.feedback());
+    }
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 
@@ -177,8 +180,9 @@ bool Cycle::encoder_implausible(const Observed& seen) {
         return false;
     }
     if (identifying() && !may_brake()) return false;
-    return encoder_watch_.update(seen.elapsed_s, *seen.encoder, senses_.observer(), seen.last_torque_Nm,
-                                 control_.plant(), may_brake());
+    const bool watched = encoder_watch_.update(seen.elapsed_s, *seen.encoder, senses_.observer(),
+                                               seen.last_torque_Nm, control_.plant(), may_brake());
+    return watched || seen.two_scales;
 }
 
 // What the host asks, and who may drive now.

@@ -24,13 +24,15 @@ void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
     }
 }
 
+void Senses::look(const drivers::DriveFeedback& left, const drivers::DriveFeedback& right) {
+    looked_at_ = 1 - looked_at_;
+    scale_[looked_at_].take(encoder_sample(looked_at_ == 0 ? left : right));
+}
+
 Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plant) {
     const auto angle = [this](std::size_t i, const drivers::DriveFeedback& f) {
-        const control::EncoderSample reported = encoder_sample(f);
-        const control::EncoderSample sample = loop_[i].sample(reported);
-        scale_[i].take(reported, encoder_period_s_);
-        encoder_[i] = {f.position_rad, sample.position_rad, loop_[i].unsure_rad(), sample.time_ns,
-                       scale_[i].differs()};
+        const control::EncoderSample sample = loop_[i].sample(encoder_sample(f));
+        encoder_[i] = {f.position_rad, sample.position_rad, loop_[i].unsure_rad(), sample.time_ns};
         return sample;
     };
     observer_.update(told.now_ns, angle(0, told.left), angle(1, told.right), plant);
@@ -51,6 +53,7 @@ Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plan
     seen.angles_known = observer_.angles_at(told.now_ns - sample_age_ns_, sampled_rad_) && told.in_a_row;
     seen.sample.angle_rad = sampled_rad_;
     seen.encoder = &encoder_;
+    seen.two_scales = scale_[0].differs() || scale_[1].differs();
     seen.encoder_taken_ns = observer_.taken_ns();
     if (encoder_speed_.step()) {
         encoder_speed_.look(observer_.taken_rad(), seen.encoder_taken_ns);

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 
 #include "drivers/motor_drive.hpp"
@@ -38,6 +39,7 @@ struct Observed {
     // For the estimators: the wheels' angles some cycles ago, by the encoders alone.
     ident::IdentSample<Real> sample;
     bool angles_known = false;
+    bool two_scales = false;  // a drive's positions and speeds are not of one motion
     const std::array<control::EncoderAngle, 2>* encoder = nullptr;  // the newest
     std::array<std::int64_t, 2> encoder_taken_ns{};  // receive times of the newest samples that were believed
     const control::EncoderSpeed* encoder_speed = nullptr;  // that is of this cycle
@@ -56,6 +58,8 @@ class Senses {
     void set_encoder_lag(const WheelPair<double>& lag_s);
     // Once in each cycle, before torque_sent().
     Observed observe(const Told& told, const control::PlantModel<Real>& plant);
+    // Where a cycle has time for it: one wheel's positions beside its speeds. Some 60 instructions each 5 ms.
+    void look(const drivers::DriveFeedback& left, const drivers::DriveFeedback& right);
     void torque_sent(const WheelPair<Real>& torque_Nm) { observer_.torque_sent(torque_Nm); }
 
     bool slipping(std::int64_t now_ns) const { return slip_.slipping(now_ns); }
@@ -70,6 +74,7 @@ class Senses {
   private:
     std::array<control::EncoderBehindLoop, 2> loop_;
     std::array<control::EncoderScale, 2> scale_;
+    std::size_t looked_at_ = 0;  // the wheel
     std::array<control::EncoderAngle, 2> encoder_;
     double encoder_loop_period_s_ = 0, encoder_period_s_ = 0;
     control::WheelObserver<Real> observer_;

@@ -335,7 +335,7 @@ struct Scales {
             if (cycles++ == 0) from_rad = reported.position_rad;
             reported.position_rad = from_rad + position * (reported.position_rad - from_rad);
             reported.speed_rad_per_s *= speed;
-            for (int seen = 0; seen < 2; ++seen) scale.take(reported, kCycle_s);
+            for (int seen = 0; seen < 2; ++seen) scale.take(reported);
         }
         return scale.differs();
     }
@@ -388,7 +388,7 @@ TEST(EncoderLoop, positions_or_speeds_that_tell_another_multiple_of_the_way_do) 
         double position_rad = 3;
         const auto next = [&](double share) {
             position_rad += share * 5 * kCycle_s;
-            scale.take({position_rad, 5, std::int64_t{1'000'000} * ++cycle}, kCycle_s);
+            scale.take({position_rad, 5, std::int64_t{1'000'000} * ++cycle});
             return scale.differs();
         };
         for (int n = 0; n < 1000; ++n) CHECK_FALSE(next(1));
@@ -410,7 +410,7 @@ TEST(EncoderLoop, speeds_that_are_no_multiple_of_the_positions_do_not_differ_fro
     for (int cycle = 1; cycle < 100'000; ++cycle) {
         const double speed = cycle < 50'000 ? 4 : 0;
         position_rad += speed * kCycle_s;
-        scale.take({position_rad, any(random), std::int64_t{1'000'000} * cycle}, kCycle_s);
+        scale.take({position_rad, any(random), std::int64_t{1'000'000} * cycle});
         CHECK_FALSE(scale.differs());
     }
     EncoderScale wild;
@@ -418,8 +418,8 @@ TEST(EncoderLoop, speeds_that_are_no_multiple_of_the_positions_do_not_differ_fro
     EncoderScale slow = wild;
     for (int cycle = 1; cycle < 1000; ++cycle) {
         const auto time_ns = std::int64_t{1'000'000} * cycle;
-        wild.take({4e-3 * cycle, cycle == 500 ? 1e30 : 4.0, time_ns}, kCycle_s);
-        slow.take({0.3e-3 * cycle, 0.6, time_ns}, kCycle_s);
+        wild.take({4e-3 * cycle, cycle == 500 ? 1e30 : 4.0, time_ns});
+        slow.take({0.3e-3 * cycle, 0.6, time_ns});
         CHECK_FALSE(wild.differs() || slow.differs());
     }
 }

@@ -66,7 +66,7 @@ struct Told {
 
     // Behind a loop: what is told goes on, the angle is known as well as this.
     WheelPair<double> crept_rad, unsure_rad;
-    std::array<bool, 2> tells_the_same{}, two_scales{};
+    std::array<bool, 2> tells_the_same{};
 
     std::array<EncoderAngle, 2> told() const {
         auto angles = bench::told_angles(angle_rad, told_ns);
@@ -75,7 +75,6 @@ struct Told {
             angle.angle_rad += of(crept_rad, right);
             angle.position_rad = tells_the_same[right] ? 0.125 : angle.angle_rad + 7;
             angle.unsure_rad = of(unsure_rad, right);
-            angle.two_scales = two_scales[right];
         }
         return angles;
     }
@@ -543,17 +542,6 @@ TEST(EncoderWatchTable, on_a_level_floor_it_follows_all_that_an_unseen_wheel_can
     }
     std::printf("  %d cycles, %d lies\n", cycles, seen);
     CHECK(seen > 1000 && seen < 3800);
-}
-
-TEST(EncoderWatchTable, a_drive_whose_positions_and_speeds_are_of_two_scales_is_not_believed) {
-    for (const std::size_t wheel : {0, 1}) {
-        Told t;
-        CHECK_FALSE(t.cycle({}));
-        t.two_scales[wheel] = true;
-        CHECK(t.cycle({}));
-        t.two_scales[wheel] = false;
-        CHECK_FALSE(t.cycle({}));
-    }
 }
 
 TEST(EncoderWatchTable, both_encoders_that_leap_at_once_are_not_believed) {

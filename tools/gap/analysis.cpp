@@ -94,8 +94,46 @@ struct Denied {
     std::size_t effect = 0;
     std::string why;
 };
+// What a denied effect explains better in its place: it is named for that.
+std::optional<Denied> stands_for_a_denied_one(const Search& search,
+                                              const std::vector<std::size_t>& denied_before) {
+    for (const NamedEffect& e : search.effects) {
+        if (!search.may_be_denied(e.effect)) continue;
+        for (const std::vector<Rival>* rivals : {&e.rivals, &e.ruled_out}) {
+            for (const Rival& r : *rivals) {
+                if (r.keeps < 1 + kPolicy.share_of_gap ||
+                    std::find(denied_before.begin(), denied_before.end(), r.effect) == denied_before.end())
+                    continue;
+                return Denied{e.effect, std::string(model::kEffects[r.effect].name) +
+                                            " explains more in its place, and is not there"};
+            }
+        }
+    }
+    return std::nullopt;
+}
+
+// Nothing of what a log tells of an effect is told from zero, with all that makes it unsure.
+bool may_be_nothing(const NamedEffect& e) {
+    const auto known = [](const ParameterEstimate& p) { return p.known; };
+    const auto may_be_zero = [](const ParameterEstimate& p) {
+        return !p.known || (p.interval_95[0] <= 0 && p.interval_95[1] >= 0);
+    };
+    return std::any_of(e.parameters.begin(), e.parameters.end(), known) &&
+           std::all_of(e.parameters.begin(), e.parameters.end(), may_be_zero);
+}
+
+std::optional<Denied> not_told_from_zero(const Search& search) {
+    for (const NamedEffect& e : search.effects) {
+        if (search.may_be_denied(e.effect) && may_be_nothing(e))
+            return Denied{e.effect, "how much of it there is is not told from nothing"};
+    }
+    return std::nullopt;
+}
+
 std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const LogPart> training) {
     const Evaluation& last = evaluations.last();
+    if (const auto denied = stands_for_a_denied_one(last.search, evaluations.known().rivals_only))
+        return denied;
     if (const auto effect = no_better_in_free_run(last.search, pointers(last.train), training,
                                                   last.dictionary.setting(), evaluations.turning()))
         return Denied{*effect, "the simulated robot drives no closer to the logs with it"};
@@ -230,7 +268,17 @@ Findings analyse(const Request& request) {
     const bool turning = evaluations.turning();
     if (!turning) sensors.gyro.reset();  // no radii show in a robot that its torques do not turn
     request.progress("search");
-    while (const std::optional<Denied> denied = evaluate_all(evaluations, parts.training)) {
+    while (true) {
+        std::optional<Denied> denied = evaluate_all(evaluations, parts.training);
+        if (!denied) {
+            const Evaluation& last = evaluations.last();
+            findings.search =
+                with_misfit(refined(last.search, parts.training, last.dictionary.setting(), turning,
+                                    overview.speed_rms_rad_per_s),
+                            last.search.after, last);
+            denied = not_told_from_zero(findings.search);
+        }
+        if (!denied) break;
         evaluations.deny(denied->effect);
         findings.notes.push_back(std::string(model::kEffects[denied->effect].name) +
                                  ": not looked for, because " + denied->why);
@@ -253,14 +301,13 @@ Findings analyse(const Request& request) {
         const std::optional<RollingSlip> by_gyro = slip_by_gyro(logs.logs, request.geometry);
         if (by_gyro) slip = slip_of(*by_gyro, slip_in_rows(found, options), setting);
     }
-    findings.search = with_misfit(
-        refined(found, parts.training, setting, turning, overview.speed_rms_rad_per_s), found.after, last);
     const Search& search = findings.search;
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
     std::vector<NamedEffect> effects =
         with_motions(with_unmeasured_rivals(search.effects, known_effects),
                      confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
+    if (slip && may_be_nothing(named_slip(*slip, setting))) slip.reset();
     if (slip) {
         effects.push_back(named_slip(*slip, setting));
         findings.notes.emplace_back(

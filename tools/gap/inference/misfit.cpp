@@ -119,10 +119,7 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         const auto first = at;
         const auto had = static_cast<std::ptrdiff_t>(candidate.amounts.size());
         at += had;
-        const Hypothesis& hypothesis = hypothesis_of(candidate.effect);
-        if (i < found.base_members || hypothesis.in_every_drive_train || hypothesis.late ||
-            found.is_shown(candidate.effect))
-            continue;
+        if (i < found.base_members || !found.may_be_denied(candidate.effect)) continue;
         // one at a point is taken as a whole for it
         const std::vector<Amount> whole = directions(candidate);
         ModelShape shape = found.after.shape;

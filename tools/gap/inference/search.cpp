@@ -5,6 +5,7 @@
 #include <map>
 #include <numeric>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/detection_limits.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/outcome.hpp"
@@ -437,6 +438,11 @@ class Searcher {
 };
 
 }  // namespace
+
+bool Search::may_be_denied(std::size_t effect) const {
+    const Hypothesis& hypothesis = hypothesis_of(effect);
+    return !hypothesis.in_every_drive_train && !hypothesis.late && !is_shown(effect);
+}
 
 std::vector<std::string> unknowable(const Fit& f, bool turning) {
     std::vector<std::string> names;

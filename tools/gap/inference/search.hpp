@@ -56,6 +56,8 @@ struct Search {
     bool is_shown(std::size_t effect) const {
         return std::find(shown.begin(), shown.end(), effect) != shown.end();
     }
+    // Not the usual friction, nor what comes late, nor what a sensor shows.
+    bool may_be_denied(std::size_t effect) const;
 };
 
 // `train` selects and confirms.

@@ -49,6 +49,7 @@ Conclusion conclude(std::span<const NamedEffect> effects, const Gaps& gaps, cons
         return {Verdict::nothing_missing, "what K5..K8 leave is no larger than " + percent(gaps.residual) +
                                               " of the torque, and no effect explains it"};
     }
+    if (much_remains) return {Verdict::unexplained, "the effects found leave most of the gap"};
     for (const NamedEffect& e : effects) {
         for (const Rival& r : e.rivals) {
             if (r.confounded || r.richer) continue;
@@ -57,7 +58,6 @@ Conclusion conclude(std::span<const NamedEffect> effects, const Gaps& gaps, cons
                                               std::string(model::kEffects[r.effect].name)};
         }
     }
-    if (much_remains) return {Verdict::unexplained, "the effects found leave most of the gap"};
     return {Verdict::named,
             "each effect is significant on blocks that did not choose it, and closes its share of the gap"};
 }
