@@ -133,7 +133,7 @@ class EncoderScale {
     static constexpr double kFewestSpans = 6;  // of the twelve that are remembered
     static constexpr double kUnlike = 0.25;
     static constexpr double kAlike = 0.98;      // of the positions' squares
-    static constexpr double kLeast_rad = 0.01;  // two counts of a coarse encoder
+    static constexpr double kLeast_rad = 0.03;  // half of a coarse encoder's step in each
     static constexpr double kLagUnsure = 0.1;
     EncoderSample from_;
     double ahead_s_ = 0, unsure_s_ = 2 * kLongestEncoderLag_s;

@@ -20,6 +20,8 @@ constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more
 constexpr Real kGainBeyondNoise = Real(2);
 constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
+constexpr int kTurnedSpans = 16;
+constexpr Real kTurnShare = Real(0.25);
 constexpr int kAveraged = 64;             // spans
 constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
@@ -65,6 +67,7 @@ void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     wheels_[1].told = told[1];
     instants_known_ = cycles_ = 0;
     against_cycles_ = against_push_cycles_ = {};
+    turned_spans_ = 0;
     mirrored_ = false;
 }
 
@@ -261,8 +264,9 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
         std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s));
     const bool left = against(0, expected, told, least);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
+    const bool exchanged = settings_.known_friction_Nm == 0 && turns_against(from, now, body_rad_per_s);
     const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
-    return turned || left || right || against_pushes;
+    return turned || left || right || exchanged || against_pushes;
 }
 
 // What a body that turns may make of a wheel's speed in the last span, where nobody knows K5 and K6 yet: it
@@ -297,6 +301,22 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
     if (apart >= 2 * least && is(told.left, right, apart / 2) && is(told.right, left, apart / 2))
         return Lie::swapped;
     return Lie::none;
+}
+
+// Whether the robot has long gained yaw rate against what is expected, by the same amount, as it does where
+// the encoders are exchanged. What turns it against its torques does so until the loop has met it.
+bool EncoderWatch::turns_against(const Instant& from, const Instant& to, Real body_rad_per_s) {
+    const auto turn = [](const WheelPair<Real>& a, const WheelPair<Real>& b) {
+        return (b.right - b.left) - (a.right - a.left);
+    };
+    const Real expected = turn(from.expected_rad_per_s, to.expected_rad_per_s);
+    const Real told = turn(from.speed_rad_per_s, to.speed_rad_per_s);
+    const Real size = std::abs(expected);
+    const Real least = std::max(kTurnShare * 2 * kSpans * full_rad_per_s_,
+                                kGainBeyondNoise * (unexpected_rad_per_s_ + kSpans * body_rad_per_s));
+    const bool against = size >= least && std::abs(told + expected) <= kLikeness * size;
+    turned_spans_ = against ? turned_spans_ + 1 : 0;
+    return turned_spans_ >= kTurnedSpans;
 }
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other

@@ -751,6 +751,46 @@ TEST(EncoderWatchTable, gains_of_speed_against_what_is_expected_add_up_to_80_cyc
     for (int n = 1; n <= 10; ++n) LONGS_EQUAL(n == 10, forgets.gains({-0.5, 0}, {0.5, 0}));
 }
 
+// Over four spans, against a quarter of what full torque makes of it in them; sixteen times in a row. In an
+// identification, whose torques are gentle, it says nothing.
+TEST(EncoderWatchTable, a_yaw_rate_that_long_gains_against_its_torques_is_of_exchanged_encoders) {
+    struct Row {
+        double gain, share;
+        bool lies;
+    };
+    const Row rows[] = {{0.2, 1, true},     {0.2, 0.51, true}, {0.2, 0.49, false}, {0.2, 1.49, true},
+                        {0.2, 1.51, false}, {0.1563, 1, true}, {0.1562, 1, false}, {0.2, -1, false}};
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            const auto turns = [&](double gain) { return one(right, -gain, gain); };
+            const auto after = [&](Told& t) {
+                for (int n = 1; n <= 30; ++n)
+                    if (t.gains(turns(-row.share * row.gain), turns(row.gain))) return n;
+                return 0;
+            };
+            Told t;
+            t.spans(70, {});
+            LONGS_EQUAL_TEXT(row.lies ? 19 : 0, after(t), name(right, row.share).c_str());
+            Told again;
+            again.spans(70, {});
+            for (int n = 1; n <= 18; ++n)
+                CHECK_FALSE(again.gains(turns(-row.share * row.gain), turns(row.gain)));
+            again.spans(5, again.speed_rad_per_s);
+            LONGS_EQUAL(row.lies ? 19 : 0, after(again));
+            EncoderWatchSettings identifying = kSettings;
+            identifying.known_friction_Nm = 1e3;
+            Told gentle(identifying);
+            gentle.spans(70, {});
+            LONGS_EQUAL(0, after(gentle));
+        }
+    }
+    Told forgets;
+    forgets.spans(70, {});
+    for (int n = 1; n <= 18; ++n) CHECK_FALSE(forgets.gains({0.2, -0.2}, {-0.2, 0.2}));
+    forgets.watch.rest(forgets.told());
+    for (int n = 1; n <= 20; ++n) LONGS_EQUAL(n == 20, forgets.gains({0.2, -0.2}, {-0.2, 0.2}));
+}
+
 // Where it creeps or is noise, a speed says nothing. Noise is what the better of two wheels gains otherwise
 // than expected in a span, averaged: over all that were, then with the weight of 64.
 TEST(EncoderWatchTable, a_mirror_image_must_be_more_than_creeping_and_noise) {

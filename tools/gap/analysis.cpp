@@ -112,20 +112,18 @@ std::optional<Denied> stands_for_a_denied_one(const Search& search,
     return std::nullopt;
 }
 
-// Nothing of what a log tells of an effect is told from zero, with all that makes it unsure.
-bool may_be_nothing(const NamedEffect& e) {
-    const auto known = [](const ParameterEstimate& p) { return p.known; };
-    const auto may_be_zero = [](const ParameterEstimate& p) {
-        return !p.known || (p.interval_95[0] <= 0 && p.interval_95[1] >= 0);
-    };
-    return std::any_of(e.parameters.begin(), e.parameters.end(), known) &&
-           std::all_of(e.parameters.begin(), e.parameters.end(), may_be_zero);
-}
-
+// An effect whose amounts are not told from zero, with all that makes them unsure. Of one that is linearised
+// they are moves from a point.
 std::optional<Denied> not_told_from_zero(const Search& search) {
-    for (const NamedEffect& e : search.effects) {
-        if (search.may_be_denied(e.effect) && may_be_nothing(e))
-            return Denied{e.effect, "how much of it there is is not told from nothing"};
+    for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
+        const Candidate& member = search.members[i];
+        if (member.kind == Candidate::Kind::linearised || !search.may_be_denied(member.effect)) continue;
+        const double quantile = interval_quantile(double(search.blocks));
+        const Eigen::Index at = first_amount_of(search.members, i);
+        bool told = false;
+        for (Eigen::Index j = at; j < at + Eigen::Index(member.amounts.size()); ++j)
+            told = told || std::abs(search.after.value(j)) > quantile * search.after.error(j);
+        if (!told) return Denied{member.effect, "how much of it there is is not told from nothing"};
     }
     return std::nullopt;
 }
@@ -307,7 +305,6 @@ Findings analyse(const Request& request) {
     std::vector<NamedEffect> effects =
         with_motions(with_unmeasured_rivals(search.effects, known_effects),
                      confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
-    if (slip && may_be_nothing(named_slip(*slip, setting))) slip.reset();
     if (slip) {
         effects.push_back(named_slip(*slip, setting));
         findings.notes.emplace_back(

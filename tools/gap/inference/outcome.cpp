@@ -183,10 +183,8 @@ class Outcome {
             rival.richer =
                 unknowns(mine) < unknowns(its) && rival.keeps < kNoBetter && !surely_less(loss, here);
             for (std::size_t b = 0; b < loss.size(); ++b) loss[b] -= here[b];
-            // no law is exactly the robot's: what keeps all but this much is not worse
             const bool worse =
-                rival.keeps <= 1 - kPolicy.better_by &&
-                (evidence_.distinguishes(mine_there, other) || surely_positive(loss, kPolicy.false_alarm));
+                evidence_.distinguishes(mine_there, other) || surely_positive(loss, kPolicy.false_alarm);
             if (!result_.is_shown(mine.effect) &&
                 (rival.confounded || (!worse && rival.keeps > 1 - kPolicy.share_of_gap))) {
                 named.rivals.push_back(rival);
