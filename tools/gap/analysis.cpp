@@ -112,18 +112,18 @@ std::optional<Denied> stands_for_a_denied_one(const Search& search,
     return std::nullopt;
 }
 
-// An effect whose amounts are not told from zero, with all that makes them unsure. Of one that is linearised
-// they are moves from a point.
-std::optional<Denied> not_told_from_zero(const Search& search) {
+// An effect of which nothing that the log tells is told from zero, with all that makes it unsure.
+std::optional<Denied> not_told_from_zero(const Search& search, const Setting& setting) {
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
-        const Candidate& member = search.members[i];
-        if (member.kind == Candidate::Kind::linearised || !search.may_be_denied(member.effect)) continue;
-        const double quantile = interval_quantile(double(search.blocks));
-        const Eigen::Index at = first_amount_of(search.members, i);
-        bool told = false;
-        for (Eigen::Index j = at; j < at + Eigen::Index(member.amounts.size()); ++j)
-            told = told || std::abs(search.after.value(j)) > quantile * search.after.error(j);
-        if (!told) return Denied{member.effect, "how much of it there is is not told from nothing"};
+        const std::size_t effect = search.members[i].effect;
+        if (!search.may_be_denied(effect)) continue;
+        bool known = false, told = false;
+        for (const ParameterEstimate& p :
+             parameters_in(search.members, i, search.after, setting, search.blocks)) {
+            known = known || p.known;
+            told = told || (p.known && (p.interval_95[0] > 0 || p.interval_95[1] < 0));
+        }
+        if (known && !told) return Denied{effect, "how much of it there is is not told from nothing"};
     }
     return std::nullopt;
 }
@@ -270,11 +270,10 @@ Findings analyse(const Request& request) {
         std::optional<Denied> denied = evaluate_all(evaluations, parts.training);
         if (!denied) {
             const Evaluation& last = evaluations.last();
-            findings.search =
-                with_misfit(refined(last.search, parts.training, last.dictionary.setting(), turning,
-                                    overview.speed_rms_rad_per_s),
-                            last.search.after, last);
-            denied = not_told_from_zero(findings.search);
+            findings.search = with_misfit(refined(last.search, parts.training, last.dictionary.setting(),
+                                                  turning, overview.speed_rms_rad_per_s),
+                                          last.search.after, last);
+            denied = not_told_from_zero(findings.search, last.dictionary.setting());
         }
         if (!denied) break;
         evaluations.deny(denied->effect);
