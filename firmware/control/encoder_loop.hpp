@@ -91,16 +91,23 @@ class EncoderLoopLag {
 // Speeds that have nothing to do with the positions are none of its business.
 class EncoderScale {
   public:
-    static constexpr std::int64_t kSpan_ns = 5'000'000;  // at least, between two reports that are compared
+    static constexpr std::int64_t kSpan_ns = 5'000'000;  // at least
 
     // `lag_s`: 1 / b; 0: not known.
     void configure(double lag_s) {
         ahead_s_ = 2 * lag_s;
         unsure_s_ = lag_s > 0 ? kLagUnsure * ahead_s_ : 2 * kLongestEncoderLag_s;
     }
-    // A report, again or not; some may be left out.
-    void take(const EncoderSample& reported) {
-        if (reported.time_ns - from_.time_ns >= kSpan_ns) end_span(reported);
+    // A report, again or not; some may be left out, but not always those at the same time of a motion that
+    // repeats itself. True: it was the last of a span.
+    bool take(const EncoderSample& reported) {
+        if (reported.time_ns == last_ns_) return false;
+        last_ns_ = reported.time_ns;
+        speeds_rad_per_s_ += reported.speed_rad_per_s;
+        ++reports_;
+        if (reported.time_ns - from_.time_ns < kSpan_ns) return false;
+        end_span(reported);
+        return true;
     }
     // Of what has been told in about the last 50 ms.
     bool differs() const { return differs_; }
@@ -109,11 +116,12 @@ class EncoderScale {
     [[gnu::noinline]] void end_span(const EncoderSample& reported) {
         const EncoderSample from = from_;
         from_ = reported;
-        if (from.time_ns == 0 || reported.time_ns - from.time_ns > 2 * kSpan_ns) return;
         const double gained = reported.speed_rad_per_s - from.speed_rad_per_s;
-        const double by_speed =
-            seconds_between(from, reported) * (from.speed_rad_per_s + reported.speed_rad_per_s) / 2 +
-            ahead_s_ * gained;
+        const double mean = (speeds_rad_per_s_ - gained / 2) / reports_;  // each end counts half
+        speeds_rad_per_s_ = 0;
+        reports_ = 0;
+        if (from.time_ns == 0 || reported.time_ns - from.time_ns > 2 * kSpan_ns) return;
+        const double by_speed = seconds_between(from, reported) * mean + ahead_s_ * gained;
         const double off = reported.position_rad - from.position_rad - by_speed;
         const double by_position =
             by_speed + std::copysign(std::max(std::abs(off) - unsure_s_ * std::abs(gained), 0.0), off);
@@ -136,6 +144,9 @@ class EncoderScale {
     static constexpr double kLeast_rad = 0.03;  // half of a coarse encoder's step in each
     static constexpr double kLagUnsure = 0.1;
     EncoderSample from_;
+    std::int64_t last_ns_ = 0;
+    double speeds_rad_per_s_ = 0;  // sum since `from_`
+    int reports_ = 0;
     double ahead_s_ = 0, unsure_s_ = 2 * kLongestEncoderLag_s;
     double size_ = 0, speed_square_ = 0, position_square_ = 0, product_ = 0;
     bool differs_ = false;

@@ -63,9 +63,11 @@ class EncoderWatch {
     bool update(Real elapsed_s, const std::array<EncoderAngle, 2>& told, const WheelObserver<Real>& observer,
                 const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant, bool model_known);
 
-    // Where the cycle has time for it, after update(): about 200 instructions once in a span.
-    void look(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant) {
-        if (cycles_ >= settings_.span_cycles) mirrored_ = mirrored(speed_rad_per_s, plant);
+    // Where the cycle has time for it, after update(): about 200 instructions once in a span. True: then.
+    bool look(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant) {
+        if (cycles_ < settings_.span_cycles) return false;
+        mirrored_ = mirrored(speed_rad_per_s, plant);
+        return true;
     }
 
   private:

@@ -89,10 +89,8 @@ void Cycle::think(const CycleTime& time) {
     serve_parameters(events);
     const MotionOutput wanted = decide(verdict, seen);
     long_cycle_ = learn(verdict, seen, wanted);
-    if (!long_cycle_) {
-        encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, control_.plant());
+    if (!long_cycle_ && !encoder_watch_.look(seen.motion.wheel_speed_rad_per_s, control_.plant()))
         senses_.look(ports_.left.feedback(), ports_.right.feedback());
-    }
     output_ = guarded(wanted, parameters_.limits.torque_Nm);
 }
 

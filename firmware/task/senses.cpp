@@ -25,8 +25,7 @@ void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
 }
 
 void Senses::look(const drivers::DriveFeedback& left, const drivers::DriveFeedback& right) {
-    looked_at_ = 1 - looked_at_;
-    scale_[looked_at_].take(encoder_sample(looked_at_ == 0 ? left : right));
+    if (!scale_[0].take(encoder_sample(left))) scale_[1].take(encoder_sample(right));
 }
 
 Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plant) {

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <array>
-#include <cstddef>
 #include <cstdint>
 
 #include "drivers/motor_drive.hpp"
@@ -58,7 +57,8 @@ class Senses {
     void set_encoder_lag(const WheelPair<double>& lag_s);
     // Once in each cycle, before torque_sent().
     Observed observe(const Told& told, const control::PlantModel<Real>& plant);
-    // Where a cycle has time for it: one wheel's positions beside its speeds. Some 60 instructions each 5 ms.
+    // Where a cycle has time for it: each wheel's positions beside its speeds. Some 20 instructions, 150 each
+    // 5 ms.
     void look(const drivers::DriveFeedback& left, const drivers::DriveFeedback& right);
     void torque_sent(const WheelPair<Real>& torque_Nm) { observer_.torque_sent(torque_Nm); }
 
@@ -74,7 +74,6 @@ class Senses {
   private:
     std::array<control::EncoderBehindLoop, 2> loop_;
     std::array<control::EncoderScale, 2> scale_;
-    std::size_t looked_at_ = 0;  // the wheel
     std::array<control::EncoderAngle, 2> encoder_;
     double encoder_loop_period_s_ = 0, encoder_period_s_ = 0;
     control::WheelObserver<Real> observer_;

@@ -423,3 +423,19 @@ TEST(EncoderLoop, speeds_that_are_no_multiple_of_the_positions_do_not_differ_fro
         CHECK_FALSE(wild.differs() || slow.differs());
     }
 }
+
+// A torque that learns on purpose makes such speeds; seen at their crests alone they would be another scale.
+TEST(EncoderLoop, a_speed_that_swings_as_often_as_it_is_compared_is_of_one_scale) {
+    constexpr double kMean = 2, kSwing = 1.5;  // rad/s
+    for (const double period_s : {0.0025, 0.005, 0.006, 0.010}) {
+        const double rate = 2 * 3.14159265358979323846 / period_s;
+        EncoderScale scale;
+        scale.configure(0);
+        for (int cycle = 1; cycle < 5000; ++cycle) {
+            const double t_s = kCycle_s * cycle;
+            scale.take({kMean * t_s + kSwing / rate * std::sin(rate * t_s),
+                        kMean + kSwing * std::cos(rate * t_s), std::int64_t{1'000'000} * cycle});
+            CHECK_FALSE(scale.differs());
+        }
+    }
+}
