@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <random>
 #include <string>
+#include <vector>
 
 #include "firmware/control/encoder_loop.hpp"
 
@@ -438,4 +439,82 @@ TEST(EncoderLoop, a_speed_that_swings_as_often_as_it_is_compared_is_of_one_scale
             CHECK_FALSE(scale.differs());
         }
     }
+}
+
+namespace {
+
+// The same of all that was reported, by the formula: spans of 5 to 10 ms, weighed by 0.85 less each.
+struct ScaleByFormula {
+    double lag_s;
+    std::vector<EncoderSample> span;  // reports since the last that ended one, that one first
+    std::vector<double> by_speed_rad, by_position_rad;
+    bool differs = false;
+
+    bool take(const EncoderSample& reported) {
+        if (!span.empty() && reported.time_ns == span.back().time_ns) return false;
+        span.push_back(reported);
+        const std::int64_t passed_ns = reported.time_ns - (span.size() > 1 ? span[0].time_ns : 0);
+        if (span.size() > 1 && passed_ns < 5'000'000) return false;
+        if (span.size() > 1 && passed_ns <= 10'000'000) {
+            double sum = 0;
+            for (std::size_t i = 1; i < span.size(); ++i)
+                sum += (span[i].speed_rad_per_s + span[i - 1].speed_rad_per_s) / 2;
+            const double gained = reported.speed_rad_per_s - span[0].speed_rad_per_s;
+            const double e = 1e-9 * double(passed_ns) * sum / double(span.size() - 1) + 2 * lag_s * gained;
+            const double off = reported.position_rad - span[0].position_rad - e;
+            const double unsure = (lag_s > 0 ? 0.2 * lag_s : 0.04) * std::abs(gained);
+            by_speed_rad.push_back(e);
+            by_position_rad.push_back(std::abs(off) <= unsure ? e : e + off - std::copysign(unsure, off));
+            judge();
+        }
+        span = {reported};
+        return true;
+    }
+    void judge() {
+        double size = 0, ee = 0, pp = 0, ep = 0;
+        for (std::size_t i = 0; i < by_speed_rad.size(); ++i) {
+            const double weight = std::pow(0.85, double(by_speed_rad.size() - 1 - i));
+            const double e = by_speed_rad[i], p = by_position_rad[i];
+            size += weight * std::abs(e);
+            ee += weight * e * e;
+            pp += weight * p * p;
+            ep += weight * e * p;
+        }
+        differs = std::sqrt(ee) >= 0.03 && size * size / ee >= 6 && std::abs(ep / ee) >= 0.25 &&
+                  std::abs(ep / ee - 1) >= 0.25 && ep * ep / (ee * pp) >= 0.98;
+    }
+};
+
+}  // namespace
+
+TEST(EncoderLoop, scales_differ_as_their_formula_says) {
+    int differing = 0, reports = 0;
+    for (unsigned seed = 0; seed < 3000; ++seed) {
+        std::mt19937 random(seed);
+        const auto uniform = [&](double least, double most) {
+            return std::uniform_real_distribution(least, most)(random);
+        };
+        const double lag_s = seed % 3 == 0 ? 0 : uniform(0, 0.01);
+        const double share = uniform(-0.6, 2.2), mean = uniform(-6, 6),
+                     noise = uniform(0, 1.5) * uniform(0, 1.5);
+        const double swing = uniform(0, 8) * uniform(0, 1), lost = uniform(0, 1) * uniform(0, 1);
+        EncoderScale scale;
+        scale.configure(lag_s);
+        ScaleByFormula formula{lag_s, {}, {}, {}};
+        double position_rad = uniform(-9, 9), before = 0;
+        for (int cycle = seed % 2 == 0 ? 7 : 3000; reports % 150 != 149; ++cycle, ++reports) {
+            const double speed = mean + swing * std::sin(0.05 * cycle) + noise * uniform(-1, 1);
+            position_rad += share * (kCycle_s * speed + 2 * lag_s * (speed - before));
+            before = speed;
+            if (cycle % 150 > 90 && uniform(0, 1) < lost) continue;
+            const EncoderSample reported{position_rad, speed, std::int64_t{1'000'000} * cycle};
+            for (int seen = random() % 3 == 0 ? 2 : 1; seen > 0; --seen)
+                CHECK_EQUAL(formula.take(reported), scale.take(reported));
+            CHECK_EQUAL_TEXT(formula.differs, scale.differs(), std::to_string(seed).c_str());
+            differing += scale.differs();
+        }
+        ++reports;
+    }
+    std::printf("  %d of %d reports differ\n", differing, reports);
+    CHECK(differing > reports / 40 && differing < reports / 2);
 }
