@@ -99,13 +99,13 @@ class EncoderScale {
         unsure_s_ = lag_s > 0 ? kLagUnsure * ahead_s_ : 2 * kLongestEncoderLag_s;
     }
     // A report, again or not; some may be left out, but not always those at the same time of a motion that
-    // repeats itself. True: it was the last of a span.
-    bool take(const EncoderSample& reported) {
+    // repeats itself. True: it was the last of a span; not where `may_end` is false, but the next one then.
+    bool take(const EncoderSample& reported, bool may_end = true) {
         if (reported.time_ns == last_ns_) return false;
         last_ns_ = reported.time_ns;
         speeds_rad_per_s_ += reported.speed_rad_per_s;
         ++reports_;
-        if (reported.time_ns - from_.time_ns < kSpan_ns) return false;
+        if (!may_end || reported.time_ns - from_.time_ns < kSpan_ns) return false;
         end_span(reported);
         return true;
     }

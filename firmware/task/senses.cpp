@@ -25,7 +25,8 @@ void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
 }
 
 void Senses::look(const drivers::DriveFeedback& left, const drivers::DriveFeedback& right) {
-    if (!scale_[0].take(encoder_sample(left))) scale_[1].take(encoder_sample(right));
+    const bool ended = scale_[0].take(encoder_sample(left));
+    scale_[1].take(encoder_sample(right), !ended);
 }
 
 Observed Senses::observe(const Told& told, const control::PlantModel<Real>& plant) {

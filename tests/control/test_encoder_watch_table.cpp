@@ -784,6 +784,15 @@ TEST(EncoderWatchTable, a_yaw_rate_that_long_gains_against_its_torques_is_of_exc
             LONGS_EQUAL(0, after(gentle));
         }
     }
+    // Where nobody knows K5 yet a body that turns may gain so much by itself.
+    for (const double turning : {0.0, 12.0}) {
+        Told t;
+        t.plant.dynamics.k5_m = t.plant.dynamics.k6_per_m = 0;
+        t.spans(70, {-turning, turning});
+        bool lies = false;
+        for (int n = 1; n <= 19 && !lies; ++n) lies = t.gains({0.2, -0.2}, {-0.2, 0.2});
+        CHECK_EQUAL(turning == 0, lies);
+    }
     Told forgets;
     forgets.spans(70, {});
     for (int n = 1; n <= 18; ++n) CHECK_FALSE(forgets.gains({0.2, -0.2}, {-0.2, 0.2}));

@@ -403,6 +403,43 @@ TEST(CycleSteps, observe_tells_of_positions_and_speeds_that_are_of_two_scales) {
     }
 }
 
+// Half of the way, at an acceleration that only a known lag tells from it; and a speed that swings five times
+// in the time of a span, of which each report counts.
+TEST(CycleSteps, look_compares_scales_by_each_drives_lag_and_by_every_report) {
+    constexpr double kRate_rad_per_s2 = 60, kLag_s = 0.005;
+    for (const std::size_t wheel : {0, 1}) {
+        for (const bool known : {false, true}) {
+            model::RobotParameters parameters = model::default_parameters();
+            parameters.drive.left.encoder_lag_s = known && wheel == 0 ? kLag_s : 0;
+            parameters.drive.right.encoder_lag_s = known && wheel == 1 ? kLag_s : 0;
+            const auto plant = control::plant_model<double>(parameters);
+            Senses senses;
+            senses.configure(parameters, 1.0 / 8000);
+            Senses swings;
+            swings.configure(parameters, 1.0 / 8000);
+            std::array<drivers::DriveFeedback, 2> drives, swinging;
+            Observed seen, seen_swinging;
+            for (int i = 1; i <= 150; ++i) {
+                const double t_s = kCyclePeriod_s * i, angle = 2 * 3.14159265358979323846 * i / 5;
+                for (const std::size_t each : {0, 1})
+                    drives[each].encoder_time_ns = swinging[each].encoder_time_ns = kCycle_ns * i;
+                drives[wheel].speed_rad_per_s = kRate_rad_per_s2 * t_s;
+                drives[wheel].position_rad = kRate_rad_per_s2 * t_s * (t_s / 2 + 2 * kLag_s) / 2;
+                swinging[wheel].speed_rad_per_s = 4 + 3.5 * std::cos(angle);
+                swinging[wheel].position_rad = 4 * t_s + 3.5 * kCyclePeriod_s * std::sin(angle) / (angle / i);
+                seen = senses.observe(
+                    {kCycle_ns * i, kCyclePeriod_s, true, drives[0], drives[1], nullptr, {}}, plant);
+                senses.look(drives[0], drives[1]);
+                seen_swinging = swings.observe(
+                    {kCycle_ns * i, kCyclePeriod_s, true, swinging[0], swinging[1], nullptr, {}}, plant);
+                swings.look(swinging[0], swinging[1]);
+                CHECK_FALSE(seen_swinging.two_scales);
+            }
+            CHECK_EQUAL(known, seen.two_scales);
+        }
+    }
+}
+
 TEST(CycleSteps, judge_adds_up_who_else_commands_the_drives) {
     Scene scene;
     Evidence evidence{scene.seen, scene.left, scene.right, scene.parameters.geometry.wheel_radius_m,
