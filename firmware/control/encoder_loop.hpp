@@ -174,8 +174,9 @@ class EncoderBehindLoop {
   private:
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
         if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
-        const auto reports =
-            static_cast<double>((reported.time_ns - last_.time_ns + half_period_ns_) / (2 * half_period_ns_));
+        const std::int64_t periods =
+            (reported.time_ns - last_.time_ns + half_period_ns_) / (2 * half_period_ns_);
+        const auto reports = static_cast<double>(periods);
         double half_way_rad = 0;
         off_rad_ = 0;
         if (last_.time_ns > 0 && reports >= 1 && reports <= kMostReports) {

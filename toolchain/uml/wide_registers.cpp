@@ -13,18 +13,19 @@
 #include <cerrno>
 #include <cstdarg>
 #include <cstddef>
+#include <cstdint>
 
 extern "C" long ptrace(__ptrace_request request, ...) noexcept {
     using Original = long (*)(__ptrace_request, pid_t, void*, void*);
     static const auto original = reinterpret_cast<Original>(dlsym(RTLD_NEXT, "ptrace"));
     va_list arguments;
-    va_start(arguments, request);
+    va_start(arguments, request);  // NOLINT(clang-diagnostic-varargs): the C library declares it so
     const pid_t process = va_arg(arguments, pid_t);
     void* const address = va_arg(arguments, void*);
     void* const data = va_arg(arguments, void*);
     va_end(arguments);
     const long result = original(request, process, address, data);
-    const bool registers = address == reinterpret_cast<void*>(std::size_t{NT_X86_XSTATE});
+    const bool registers = reinterpret_cast<std::uintptr_t>(address) == NT_X86_XSTATE;
     if (result >= 0 || request != PTRACE_SETREGSET || !registers) return result;
     static std::array<std::byte, 65536> all;  // linux.uml has one thread
     iovec whole{all.data(), all.size()};
