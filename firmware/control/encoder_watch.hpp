@@ -17,8 +17,9 @@
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
-// wheel's, is a lie. See mirrored(). An identification pushes beyond friction on purpose, and gently: there,
-// where friction is known, a wheel that goes against the push while the other one goes with it is enough.
+// wheel's, is a lie; so is a yaw rate that long gains against its torques. See mirrored(). An identification
+// pushes beyond friction on purpose, and gently: there, where friction is known, a wheel that goes against
+// the push while the other one goes with it is enough.
 //
 // One thread; no allocation. update(): about 100 instructions while the wheels turn.
 #pragma once

@@ -403,8 +403,8 @@ TEST(CycleSteps, observe_tells_of_positions_and_speeds_that_are_of_two_scales) {
     }
 }
 
-// Half of the way, at an acceleration that only a known lag tells from it; and a speed that swings five times
-// in the time of a span, of which each report counts.
+// Half of the way, at an acceleration that only a known lag tells from it; and a speed that swings once in
+// the time of a span, of which each report counts.
 TEST(CycleSteps, look_compares_scales_by_each_drives_lag_and_by_every_report) {
     constexpr double kRate_rad_per_s2 = 60, kLag_s = 0.005;
     for (const std::size_t wheel : {0, 1}) {

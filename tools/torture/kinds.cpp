@@ -187,6 +187,13 @@ void parameter(Scene& s, protocol::ParameterOperation operation, std::uint16_t i
     s.second_host(request);
 }
 
+// From the first frame on.
+void tell_half_of_the_way(Scene& scene, hal::CanFrame& frame) {
+    const double position = number(frame, 0);
+    if (scene.count++ == 0) scene.amount = position;
+    put(frame, 0, static_cast<float>(scene.amount + (position - scene.amount) / 2));
+}
+
 // ---- how far what the encoders tell is from the truth, for From::lie
 double the_way(const Scene& s, const WheelPair<double>& turned_rad) {
     return std::abs(s.setup().side == 0 ? turned_rad.left : turned_rad.right);
@@ -202,13 +209,6 @@ double either_way(const Scene&, const WheelPair<double>& turned_rad) {
 constexpr std::string_view kSilenceNames = "stale_feedback,drive_silent,drive_left_armed_state,bus_down";
 // A drive that has left closed loop reports no torque, before its heartbeat says why.
 constexpr std::string_view kDropsOutNames = "drive_left_armed_state,torque_not_followed,foreign_control";
-// From the first frame on.
-void tell_half_of_the_way(Scene& scene, hal::CanFrame& frame) {
-    const double position = number(frame, 0);
-    if (scene.count++ == 0) scene.amount = position;
-    put(frame, 0, static_cast<float>(scene.amount + (position - scene.amount) / 2));
-}
-
 constexpr std::string_view kLieNames = "encoder_implausible,over_speed,stale_feedback";
 // The last ones are what an identification says that ends by itself.
 constexpr std::string_view kStillNames =
