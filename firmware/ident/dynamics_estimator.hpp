@@ -127,15 +127,17 @@ class DynamicsEstimator {
     };
     GainExcess excess_of_less_torque() const {
         Real sum = 0, information = 0;
+        std::uint32_t fewest = ~std::uint32_t{0};
         for (const Equation& equation : equation_) {
             const auto& [whole, less] = equation.level;
             const Real gain = equation.rls.theta()[kTorque];
-            if (!(whole.score_power > 0) || !(less.score_power > 0) || !(gain > 0)) return {};
+            fewest = std::min(fewest, std::min(whole.rows, less.rows));
+            if (fewest < 2 || !(gain > 0)) return {};
             const Real unlike = kNeighbours * (whole.variance() + less.variance()) / (gain * gain);
             sum += (less.gain - whole.gain) / gain / unlike;
             information += 1 / unlike;
         }
-        return {sum / information, 1 / std::sqrt(information)};
+        return {sum / information, few_rows(fewest) / std::sqrt(information)};
     }
 
     // After a gap in the samples. What was learned stays.
@@ -306,9 +308,11 @@ class DynamicsEstimator {
     // torque, with White's error of what that leaves.
     struct Level {
         Real power = 0, gain = 0, score_power = 0;
+        std::uint32_t rows = 0;
 
         void push(Real torque, Real innovation) {
             if (torque == 0) return;
+            ++rows;
             const Real score = torque * (innovation - gain * torque);
             power += torque * torque;
             gain += score / power;
@@ -539,6 +543,15 @@ class DynamicsEstimator {
 
     // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
     Real slow_error_share() const { return kOfABound * dry_share_ * dry_share_; }
+
+    // An error from a few rows may be much too small by chance: by how much it has to be larger so that four
+    // of them are as seldom exceeded as four of a known error. Student's t, by Wallace's approximation; two
+    // equations' rows, of which each shares half with its neighbours.
+    static Real few_rows(std::uint32_t rows) {
+        constexpr Real kErrors = 4;
+        const Real freedom = static_cast<Real>(rows - 1);
+        return std::sqrt(freedom * std::expm1(kErrors * kErrors / freedom)) / kErrors;
+    }
 
     // What a Nm of less torque does more than one of the whole, beyond chance, over K7 or K8: so much of the
     // whole may not have arrived.

@@ -61,15 +61,17 @@ class SpeedWitness {
         const Mirror alone = judge_mirror();
         if (alone != Mirror::unknown) return alone;
         const Patterns now = patterns(), before = slower.patterns();
+        const bool by_four_each = by_four() && slower.by_four();
         return judge({now.filed - before.filed, now.mirrored - before.mirrored,
                       std::sqrt(now.error * now.error + before.error * before.error),
-                      now.friction - before.friction, now.scrub - before.scrub});
+                      now.friction - before.friction, now.scrub - before.scrub,
+                      by_four_each ? kSureByFourEach : sure()});
     }
 
   private:
     // Standard errors that chance exceeds twice in 10^5, by two pushes in each of eight cells, and by four in
-    // those of the turns (ident.ProbeParts counts).
-    static constexpr double kSure = 10, kSureByFour = 7.5;
+    // those of the turns, in one witness or in two (ident.ProbeParts counts).
+    static constexpr double kSure = 10, kSureByFour = 7.5, kSureByFourEach = 6.2;
     static constexpr double kWheelSure = 24, kWheelSureByFour = 7;  // the same of one wheel's four cells
     // Wheels that answer unlike show in the other pattern too: half as much where one does three times as
     // much as the other.
@@ -88,10 +90,12 @@ class SpeedWitness {
     struct Patterns {
         double filed, mirrored, error;
         double friction, scrub;  // what slows straight on, and a turn more than that
+        double sure;             // by so many errors a pattern has to stand out
     };
-    Mirror judge(const Patterns& seen) const {
+    double sure() const { return by_four() ? kSureByFour : kSure; }
+    static Mirror judge(const Patterns& seen) {
         const double filed = std::abs(seen.filed), mirrored = std::abs(seen.mirrored);
-        const double sure = (by_four() ? kSureByFour : kSure) * seen.error;
+        const double sure = seen.sure * seen.error;
         const double turns = kUnlikeTurns * (seen.friction + std::max(seen.scrub, 0.0));
         // the scrub's error is half of a pattern's
         const bool straight_is_slower = seen.scrub < -sure / 2;
@@ -105,9 +109,12 @@ class SpeedWitness {
     }
     Patterns patterns() const {
         const Value left = more_in_turn(0), right = more_in_turn(1);
-        return {left.value + right.value, left.value - right.value,
-                std::sqrt(left.error * left.error + right.error * right.error), friction_m_per_s2(),
-                scrub_m_per_s2()};
+        return {left.value + right.value,
+                left.value - right.value,
+                std::sqrt(left.error * left.error + right.error * right.error),
+                friction_m_per_s2(),
+                scrub_m_per_s2(),
+                sure()};
     }
     // Of both directions.
     Value more_in_turn(std::size_t wheel) const {
