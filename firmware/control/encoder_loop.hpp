@@ -91,10 +91,11 @@ class EncoderLoopLag {
 // Speeds that have nothing to do with the positions are none of its business.
 class EncoderScale {
   public:
-    static constexpr std::int64_t kSpan_ns = 5'000'000;  // at least
+    static constexpr int kReportsInASpan = 5;  // or a few more
 
     // `lag_s`: 1 / b; 0: not known.
-    void configure(double lag_s) {
+    void configure(double lag_s, double report_period_s) {
+        span_ns_ = std::llround(1e9 * kReportsInASpan * report_period_s);
         ahead_s_ = 2 * lag_s;
         unsure_s_ = lag_s > 0 ? kLagUnsure * ahead_s_ : 2 * kLongestEncoderLag_s;
     }
@@ -105,11 +106,11 @@ class EncoderScale {
         last_ns_ = reported.time_ns;
         speeds_rad_per_s_ += reported.speed_rad_per_s;
         ++reports_;
-        if (!may_end || reported.time_ns - from_.time_ns < kSpan_ns) return false;
+        if (!may_end || reported.time_ns - from_.time_ns < span_ns_) return false;
         end_span(reported);
         return true;
     }
-    // Of what has been told in about the last 50 ms.
+    // Of what has been told in about the last ten spans.
     bool differs() const { return differs_; }
 
   private:
@@ -120,7 +121,7 @@ class EncoderScale {
         const double mean = (speeds_rad_per_s_ - gained / 2) / reports_;  // each end counts half
         speeds_rad_per_s_ = 0;
         reports_ = 0;
-        if (from.time_ns == 0 || reported.time_ns - from.time_ns > 2 * kSpan_ns) return;
+        if (from.time_ns == 0 || reported.time_ns - from.time_ns > 2 * span_ns_) return;
         const double by_speed = seconds_between(from, reported) * mean + ahead_s_ * gained;
         const double off = reported.position_rad - from.position_rad - by_speed;
         const double by_position =
@@ -144,7 +145,7 @@ class EncoderScale {
     static constexpr double kLeast_rad = 0.03;  // a sixth of a coarse encoder's step in each span
     static constexpr double kLagUnsure = 0.1;   // of the lag
     EncoderSample from_;
-    std::int64_t last_ns_ = 0;
+    std::int64_t last_ns_ = 0, span_ns_ = 0;
     double speeds_rad_per_s_ = 0;  // sum since `from_`
     int reports_ = 0;
     double ahead_s_ = 0, unsure_s_ = 2 * kLongestEncoderLag_s;
@@ -155,12 +156,12 @@ class EncoderScale {
 // The angle that the encoder itself has shown.
 class EncoderBehindLoop {
   public:
-    // `lag_s`: 1 / b. A loop that follows within half a period of the reports is left as it is.
+    // `lag_s`: 1 / b. A loop that follows within four of its own periods is left as it is.
     void configure(double lag_s, double loop_period_s, double report_period_s) {
         report_period_s_ = report_period_s;
         loop_period_s_ = loop_period_s;
         half_period_ns_ = std::llround(1e9 * report_period_s / 2);
-        off_s2_ = lag_s > report_period_s / 2 ? lag_s * (lag_s - 2 * loop_period_s) : 0;
+        off_s2_ = lag_s > kQuickLoop * loop_period_s ? lag_s * (lag_s - 2 * loop_period_s) : 0;
         ahead_s_ = 2 * lag_s - loop_period_s / 2;
     }
     bool undone() const { return off_s2_ != 0; }
@@ -176,6 +177,8 @@ class EncoderBehindLoop {
         if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
         const std::int64_t periods =
             (reported.time_ns - last_.time_ns + half_period_ns_) / (2 * half_period_ns_);
+        const bool between_two = last_.time_ns > 0 && reported.time_ns > last_.time_ns && periods == 0;
+        if (between_two) return angle_;  // someone has asked for it
         const auto reports = static_cast<double>(periods);
         double half_way_rad = 0;
         off_rad_ = 0;
@@ -212,6 +215,7 @@ class EncoderBehindLoop {
                    kDigit_rad;
     }
 
+    static constexpr double kQuickLoop = 4;  // of its periods
     static constexpr double kMostReports = 4;
     static constexpr int kNotByChance = 3;  // reports in a row
     double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;

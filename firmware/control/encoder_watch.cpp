@@ -8,7 +8,7 @@ namespace {
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);    // of what the torque brakes by, with friction
 constexpr Real kFrictionGrows = Real(1.5);  // when cold, or to break away; at most, and as much less
-constexpr int kHistoryCycles = 16;
+constexpr int kHistoryReports = 16;
 constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
@@ -37,12 +37,15 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     constexpr double kBeside = 0.1;  // of the torque limit
     const double limit_Nm = from.limits.torque_Nm;
     const double dry_Nm = limit_Nm - accelerating_Nm(from);
-    // The observer follows within some of its time constants.
+    // The observer follows within some of its time constants, and not without a few reports.
     const double span_s = 1 / velocity_loop_speed(from, kObserverCycle_s).observer_bandwidth_rad_per_s;
     constexpr int kGentleSpan_cycles = 15;
-    const int span_cycles = identifying
-                                ? kGentleSpan_cycles
-                                : std::clamp(static_cast<int>(std::lround(span_s / kObserverCycle_s)), 6, 20);
+    constexpr int kReportsInASpan = 3;
+    const int reports_cycles = kReportsInASpan * from.drive.encoder_period_ms;
+    const int span_cycles =
+        std::max(reports_cycles,
+                 identifying ? kGentleSpan_cycles
+                             : std::clamp(static_cast<int>(std::lround(span_s / kObserverCycle_s)), 6, 20));
     const double friction_Nm = dry_Nm > 0 ? double(kFrictionGrows) * dry_Nm : kUnknownFriction * limit_Nm;
     const double held_Nm =
         std::min(friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
@@ -50,7 +53,8 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
     const double full_rad_per_s2 =
         (from.dynamics.k7_per_kg_m + from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2) * limit_Nm /
         from.geometry.mean_radius_m();
-    const double late_s = from.velocity_loop.actuation_delay_s + kFrames * kObserverCycle_s;
+    const double late_s =
+        from.velocity_loop.actuation_delay_s + kFrames * from.drive.encoder_period_ms * kObserverCycle_s;
     const double seen_rad = kMostUnseenSteps * encoder_step_rad(from) + full_rad_per_s2 * late_s * late_s / 2;
     return {Real(limit_Nm),
             Real(held_Nm),
@@ -58,7 +62,8 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             span_cycles,
             Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kObserverCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
-            std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad)};
+            std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad),
+            from.drive.encoder_period_ms};
 }
 
 void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
@@ -117,7 +122,7 @@ bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& n
     }
     wheel.told = told;
     wheel.unseen.frames = -1;
-    if (++wheel.history_age >= kHistoryCycles) {
+    if (++wheel.history_age >= kHistoryReports) {
         wheel.before = wheel.lately;
         wheel.lately = now;
         wheel.history_age = 0;
@@ -141,8 +146,9 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Re
     const Real brakes = kBrakesShare * 2 * std::max(forward, turning) * settings_.torque_limit_Nm * elapsed_s;
     const bool level_floor = settings_.known_friction_Nm > 0;
     if (unseen.frames == 0) {  // the first cycle: how fast was it, at least and at most, before it stood?
-        const Real changed = level_floor ? kBrakesShare * wheel.before.changed_rad_per_s
-                                         : brakes * Real(kHistoryCycles + wheel.history_age);
+        const Real changed =
+            level_floor ? kBrakesShare * wheel.before.changed_rad_per_s
+                        : brakes * Real((kHistoryReports + wheel.history_age) * settings_.report_cycles);
         unseen.speed_rad_per_s = {before - changed, before + changed};
         unseen.from_rest = std::abs(before) <= changed;
         if (!level_floor) {

@@ -46,6 +46,7 @@ struct EncoderWatchSettings {
     Real full_impulse_Ns{};    // of both rims by full torque, in one span
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
     Real unseen_from_rest_rad = Real(kMostUnseen_rad);  // that a wheel which stood may turn
+    int report_cycles = 1;                              // from one report of an encoder to the next
 };
 
 // `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its

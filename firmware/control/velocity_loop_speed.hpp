@@ -44,7 +44,9 @@ inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from,
     constexpr double kStepShare = 0.3;
     const auto& loop = from.velocity_loop;
     const double effects_s = model::effects_delay_s(from.effects);
-    const double by_delay_s = kSettlingPerDelay * (loop.actuation_delay_s + effects_s);
+    const double report_s = std::max(cycle_s, 1e-3 * from.drive.encoder_period_ms);
+    const double by_delay_s =
+        kSettlingPerDelay * (loop.actuation_delay_s + effects_s + (report_s - cycle_s) / 2);
     VelocityLoopSpeed speed{loop.settling_time_s, loop.observer_bandwidth_rad_per_s};
     if (loop.settling_time_s > 0) {
         if (effects_s > 0) speed.settling_time_s = std::max(speed.settling_time_s, by_delay_s);
@@ -52,7 +54,7 @@ inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from,
         const double rim_per_Nm =
             2 * std::min(from.dynamics.k7_per_kg_m, from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2);
         const double acceleration_m_per_s2 = rim_per_Nm * accelerating_Nm(from);
-        const double noise = from.geometry.mean_radius_m() * loop.angle_noise_rad * std::sqrt(cycle_s) *
+        const double noise = from.geometry.mean_radius_m() * loop.angle_noise_rad * std::sqrt(report_s) *
                              std::pow(Real(kTimeConstantsToOnePercent), Real(1.5));
         const double by_noise_s =
             std::pow(Real(noise / (kRippleShare * kStepShare * acceleration_m_per_s2)), Real(0.4));

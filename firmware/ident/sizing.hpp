@@ -23,7 +23,7 @@ struct SizingRequest {
     double amplitude_Nm{}, bit_time_s{}, kernel_s{}, speed_limit_m_per_s{}, yaw_rate_limit_rad_per_s{},
         coupling_standard_error_m{};
     // given
-    double track_m{}, radius_m{}, sample_time_s{}, distance_limit_m{}, torque_limit_Nm{},
+    double track_m{}, radius_m{}, sample_time_s{}, report_period_s{}, distance_limit_m{}, torque_limit_Nm{},
         robot_speed_limit_m_per_s{}, robot_yaw_rate_limit_rad_per_s{};
 };
 
@@ -47,6 +47,8 @@ inline constexpr double kBitShare = 0.48;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
 inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
+// And reports of the encoders: between fewer a parabola is not how the wheel went.
+inline constexpr double kReportsInABit = 5;
 // Torque: what fills the limits in so long a bit, or so many times the friction.
 inline constexpr double kCalmBit_s = 0.055;
 inline constexpr double kOverFriction = 12;
@@ -186,17 +188,18 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     if (r.amplitude_Nm <= 0)
         s.amplitude_Nm = std::min(s.amplitude_Nm, std::max(bit_at(1) / kCalmBit_s, kOverFriction * friction));
     double bit = bit_at(s.amplitude_Nm);
-    if (bit < kShortestBit_s && r.amplitude_Nm <= 0) {
-        const double gentle = s.amplitude_Nm * bit / kShortestBit_s;
+    const double shortest_s = std::max(kShortestBit_s, kReportsInABit * r.report_period_s);
+    if (bit < shortest_s && r.amplitude_Nm <= 0) {
+        const double gentle = s.amplitude_Nm * bit / shortest_s;
         if (gentle < kMovesEnough * friction) {
             s.obstacle = IdentCause::no_room;
             return s;
         }
         s.amplitude_Nm = gentle;
-        bit = kShortestBit_s;
+        bit = shortest_s;
     }
     s.dry_share = friction / s.amplitude_Nm;
-    bit = std::clamp(bit, kShortestBit_s, kLongestBit_s);
+    bit = std::clamp(bit, shortest_s, std::max(shortest_s, kLongestBit_s));
     s.bit_time_s = r.bit_time_s > 0 ? r.bit_time_s : r.sample_time_s * std::round(bit / r.sample_time_s);
     const double weakest_per_Nm = std::min(2 * k7, k8 * r.track_m) / r.radius_m;  // at a wheel
     const double quiet_s =

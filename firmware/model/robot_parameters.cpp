@@ -47,7 +47,7 @@ constexpr auto kTable = std::to_array<ParameterInfo>({
 
     WW_INTEGER(0x0030, drive.generation, "", 6, 5, 6, start, "CANSimple generation of the drives: 5 for 0.5.x, 6 for 0.6.x"),
     WW_INTEGER(0x0031, drive.heartbeat_period_ms, "ms", 50, 1, 1000, start, "cyclic period of the drives' heartbeat; a drive's error is known so late at most"),
-    WW_INTEGER(0x0032, drive.encoder_period_ms, "ms", 1, 1, 20, start, "cyclic period of the drives' encoder estimates"),
+    WW_INTEGER(0x0032, drive.encoder_period_ms, "ms", 1, 1, 10, start, "cyclic period of the drives' encoder estimates"),
     WW_INTEGER(0x0033, drive.torque_period_ms, "ms", 10, 0, 1000, start, "cyclic period of the drives' torque or current report; 0: off"),
     WW_REAL(0x0034, drive.heartbeat_timeout_s, "s", 0.17, 0.01, 5.0, start, "a drive not heard for this long is silent"),
     WW_REAL(0x0035, drive.arming_timeout_s, "s", 2.0, 0.05, 30.0, start, "time a drive may take from idle to armed"),

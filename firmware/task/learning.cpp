@@ -69,6 +69,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     sizing.track_m = p.geometry.track_m;
     sizing.radius_m = p.geometry.mean_radius_m();
     sizing.sample_time_s = kCyclePeriod_s;
+    sizing.report_period_s = encoder_period_s_;
     sizing.distance_limit_m = chosen(settings.distance_limit_m, p.ident.distance_limit_m);
     sizing.torque_limit_Nm = p.limits.torque_Nm;
     sizing.robot_speed_limit_m_per_s = p.limits.speed_m_per_s;

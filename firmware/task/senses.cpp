@@ -19,7 +19,7 @@ void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
     for (std::size_t i = 0; i < loop_.size(); ++i) {
         const bool before = loop_[i].undone();
         loop_[i].configure(lags_s[i], encoder_loop_period_s_, encoder_period_s_);
-        scale_[i].configure(lags_s[i]);
+        scale_[i].configure(lags_s[i], encoder_period_s_);
         if (loop_[i].undone() != before) observer_.begin_new_clock();
     }
 }

@@ -3,6 +3,7 @@
 // Threads: the cycle's. No call allocates, blocks or throws.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -66,9 +67,11 @@ class Senses {
     const control::WheelObserver<Real>& observer() const { return observer_; }
     const control::Odometry<Real>& odometry() const { return odometry_; }
 
-    // How long before the cycle's instant the angles of a sample were: the estimators count it as delay.
+    // How long before the cycle's instant the angles of a sample were: the estimators count it as delay. As
+    // old as the last report but one may be, and those before a drive's loop are half a period older.
     static double sample_age_s(const model::RobotParameters& parameters) {
-        return 1e-3 * (1 + parameters.drive.encoder_period_ms);
+        const int period_ms = parameters.drive.encoder_period_ms;
+        return 1e-3 * (period_ms + std::max(1.0, 0.5 * period_ms + 0.5));
     }
 
   private:

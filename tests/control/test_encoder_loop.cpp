@@ -191,6 +191,9 @@ TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
     next(7, 1, 1.15e-3, 1.1e-3);   // not more than a period of the loop longer,
     next(7, 1, 0.85e-3, 0.9e-3);   // or shorter
     for (const int reports : {2, 3, 4}) next(-3, reports, 1e-3 * reports, 1e-3 * reports);
+    const double told_rad = behind.sample({at_rad, speed, at_ns}).position_rad;
+    DOUBLES_EQUAL(told_rad, behind.sample({at_rad + 1, speed, at_ns + 300'000}).position_rad,
+                  0);                                                     // between two
     check(at_rad + 1, speed, at_ns + 5'000'000, at_rad + 1, 0);           // too late to follow
     check(at_rad, speed, at_ns, at_rad, 0);                               // the clock has gone back
     DOUBLES_EQUAL(at_rad, behind.sample({0, 0, 0}).position_rad, 1e-12);  // nothing was told
@@ -280,7 +283,7 @@ TEST(EncoderLoop, a_wheel_that_stops_at_once_stands_although_the_loop_goes_on) {
     }
 }
 
-TEST(EncoderLoop, one_that_follows_within_half_a_period_or_is_not_known_changes_nothing) {
+TEST(EncoderLoop, one_that_follows_within_four_of_its_periods_or_is_not_known_changes_nothing) {
     EncoderBehindLoop behind;
     const auto same = [&behind](const EncoderSample& reported) {
         const EncoderSample angle = behind.sample(reported);
@@ -329,7 +332,7 @@ struct Scales {
     int cycles = 0;
     double from_rad = 0;
 
-    explicit Scales(double known_lag_s = 0.001) { scale.configure(known_lag_s); }
+    explicit Scales(double known_lag_s = 0.001) { scale.configure(known_lag_s, 0.001); }
     bool differs(int more_cycles) {
         for (int n = 0; n < more_cycles; ++n) {
             EncoderSample reported = reports.next();
@@ -384,7 +387,7 @@ TEST(EncoderLoop, positions_or_speeds_that_tell_another_multiple_of_the_way_do) 
     // on the way at a steady speed: known after some spans, and the lag need not be
     for (const double known_lag_s : {0.0, 0.001}) {
         EncoderScale scale;
-        scale.configure(known_lag_s);
+        scale.configure(known_lag_s, 0.001);
         int cycle = 0;
         double position_rad = 3;
         const auto next = [&](double share) {
@@ -406,7 +409,7 @@ TEST(EncoderLoop, speeds_that_are_no_multiple_of_the_positions_do_not_differ_fro
     std::mt19937 random{11};
     std::uniform_real_distribution any(-100.0, 100.0);
     EncoderScale scale;
-    scale.configure(0.001);
+    scale.configure(0.001, 0.001);
     double position_rad = 0;
     for (int cycle = 1; cycle < 100'000; ++cycle) {
         const double speed = cycle < 50'000 ? 4 : 0;
@@ -415,7 +418,7 @@ TEST(EncoderLoop, speeds_that_are_no_multiple_of_the_positions_do_not_differ_fro
         CHECK_FALSE(scale.differs());
     }
     EncoderScale wild;
-    wild.configure(0.001);
+    wild.configure(0.001, 0.001);
     EncoderScale slow = wild;
     for (int cycle = 1; cycle < 1000; ++cycle) {
         const auto time_ns = std::int64_t{1'000'000} * cycle;
@@ -431,7 +434,7 @@ TEST(EncoderLoop, a_speed_that_swings_as_often_as_it_is_compared_is_of_one_scale
     for (const double period_s : {0.0025, 0.005, 0.006, 0.010}) {
         const double rate = 2 * 3.14159265358979323846 / period_s;
         EncoderScale scale;
-        scale.configure(0);
+        scale.configure(0, 0.001);
         for (int cycle = 1; cycle < 5000; ++cycle) {
             const double t_s = kCycle_s * cycle;
             scale.take({kMean * t_s + kSwing / rate * std::sin(rate * t_s),
@@ -499,7 +502,7 @@ TEST(EncoderLoop, scales_differ_as_their_formula_says) {
                      noise = uniform(0, 1.5) * uniform(0, 1.5);
         const double swing = uniform(0, 8) * uniform(0, 1), lost = uniform(0, 1) * uniform(0, 1);
         EncoderScale scale;
-        scale.configure(lag_s);
+        scale.configure(lag_s, 0.001);
         ScaleByFormula formula{lag_s, {}, {}, {}};
         double position_rad = uniform(-9, 9), before = 0;
         for (int cycle = seed % 2 == 0 ? 7 : 3000; reports % 150 != 149; ++cycle, ++reports) {

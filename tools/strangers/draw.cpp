@@ -191,6 +191,11 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
 
     robot.lists_friction = draw.share(0.5);
     const double cog_left_m = std::clamp(draw.normal(0.05), -0.15, 0.15) * track_m;
+    // each cycle, as the documents advise, to ten milliseconds, as drives are sold
+    constexpr std::array<std::int64_t, 8> kReportPeriods_ms{1, 1, 1, 1, 1, 2, 5, 10};
+    robot.report_period_ms =
+        kReportPeriods_ms[static_cast<std::size_t>(draw.uniform(0, kReportPeriods_ms.size()))];
+    const double stale_s = std::max(0.01, 0.003 * static_cast<double>(robot.report_period_ms));
 
     // ---- what the builder writes
     const std::int64_t torque_period_ms = robot.torque_feedback ? 10 : 0;
@@ -216,8 +221,10 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         {"limits.acceleration_m_per_s2", rounded(3 * peak_m_per_s2, 2)},
         {"limits.yaw_acceleration_rad_per_s2", rounded(3 * yaw_peak_rad_per_s2, 2)},
         {"drive.generation", generation},
+        {"drive.encoder_period_ms", robot.report_period_ms},
         {"drive.torque_period_ms", torque_period_ms},
         {"drive.watchdog_assured", true},
+        {"safety.stale_feedback_s", stale_s},
         {"pose_control.speed_m_per_s", rounded(speed_m_per_s / 2, 2)},
         {"pose_control.yaw_rate_rad_per_s", rounded(yaw_rate_rad_per_s / 2, 2)},
         {"trajectory.length_m", path.length_m},
@@ -257,6 +264,8 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
         {"robot.name", name},
         {"geometry.track_m", believed_track_m * (1 + track_error)},
         {"drive.generation", generation},
+        {"drive.encoder_period_ms", robot.report_period_ms},
+        {"safety.stale_feedback_s", stale_s},
         {"drive.torque_period_ms", torque_period_ms},
         {"mass.mass_kg", mass_kg},
         // the plant knows of the parallel axis ahead only

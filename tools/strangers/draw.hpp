@@ -42,7 +42,8 @@ struct DrawnRobot {
     double torque_share = 1;             // of the limit that the drives can give
     sim::Payload payload;                // put on while it adapts, and taken off
     bool clips = false, weak_wheel = false, torque_feedback = true, external_pose = true;
-    bool lists_friction = true;  // in its file
+    bool lists_friction = true;         // in its file
+    std::int64_t report_period_ms = 1;  // of its encoders
 };
 
 // Throws std::runtime_error when the files would not be read by the firmware.

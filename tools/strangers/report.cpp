@@ -103,6 +103,7 @@ std::string remarks(const RobotResult& r) {
     add(!r.robot.torque_feedback, "no torque feedback");
     add(!r.robot.external_pose, "no pose");
     add(!r.robot.lists_friction, "friction not listed");
+    add(r.robot.report_period_ms > 1, "reports each " + std::to_string(r.robot.report_period_ms) + " ms");
     add(r.driving && !r.driving->blocker.empty(), r.driving ? r.driving->blocker : "");
     return text;
 }
@@ -364,6 +365,7 @@ Report robot_report(const RobotResult& r) {
     report.add("gear_ratio", "gear", believed.drive.left.gear_ratio);
     report.add("encoder_counts", "encoder counts a motor turn",
                robot.truth.simulation.encoder_counts_per_turn);
+    report.add("report_period_ms", "encoder reports each", robot.report_period_ms, "ms");
     report.add("delay_ms", "latency and lag of the drives", 1e3 * robot.delay_s, "ms");
     report.add("left_gain", "torque delivered, left", truth.drive.left.torque_scale);
     report.add("right_gain", "torque delivered, right", truth.drive.right.torque_scale);

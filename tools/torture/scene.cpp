@@ -82,6 +82,11 @@ SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
         const DrawnRobot robot = draw_robot(seed, 1);
         setup.believed = robot.believed.parameters;
         setup.truth = robot.truth.parameters;
+        // The bounds are those of drives that report in each cycle.
+        for (model::RobotParameters* p : {&setup.believed, &setup.truth}) {
+            p->drive.encoder_period_ms = 1;
+            p->safety.stale_feedback_s = standard_truth().parameters.safety.stale_feedback_s;
+        }
         setup.simulation = robot.truth.simulation;
         const sim::Plant plant(
             sim::plant_from_dynamics(setup.truth.geometry, setup.truth.dynamics, setup.truth.effects));
