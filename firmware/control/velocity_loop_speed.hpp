@@ -29,10 +29,12 @@ inline double accelerating_Nm(const model::RobotParameters& from) {
 
 // What the robot file says; "auto" follows from the robot:
 // - delay: a loop needs some fourteen times its delay to settle (where an effect makes the torque later, this
-//   bounds a given time too);
+//   bounds a given time too). Reports of the encoders that come less often than each cycle are in the mean
+//   older by half of the difference;
 // - encoders: what is left of their noise in the true speed, after a loop that settles in t,
-//   r sigma sqrt(T) (4.6 / t)^1.5, shall be 0.6 % of a step that the torque can give in t, 0.3 t a, with a by
-//   what dry friction leaves of the torque, at a wheel's rim, forward or turning, whichever is less;
+//   r sigma sqrt(T) (4.6 / t)^1.5 with reports each T, shall be 0.6 % of a step that the torque can give in
+//   t, 0.3 t a, with a by what dry friction leaves of the torque, at a wheel's rim, forward or turning,
+//   whichever is less;
 // - fifty cycles, so that a loop is seen as continuous.
 // The observer is 2.7 times as fast as a loop that settles so (12.5 / 4.6): with that the default robot has
 // 55 degrees of phase margin (`wheelwright demo`).

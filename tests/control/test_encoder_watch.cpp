@@ -334,4 +334,22 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
         DOUBLES_EQUAL(std::max(expected_rad, kUnseen_rad / 2),
                       encoder_watch_settings(p, false).unseen_from_rest_rad, 1e-12);
     }
+    // Reports that come seldom: three of them in a span, and four until a wheel stands.
+    for (const auto& [period_ms, span, identifying_span] :
+         {std::tuple{2, 10, 15}, {5, 15, 15}, {10, 30, 30}}) {
+        model::RobotParameters p = parameters();
+        p.geometry = {{0.06, 0.1}, 0.4};
+        p.dynamics.k7_per_kg_m = 0.4;
+        p.dynamics.k8_per_kg_m2 = 2;
+        p.velocity_loop.actuation_delay_s = 2e-3;
+        p.velocity_loop.angle_noise_rad = 1e-4;
+        p.velocity_loop.observer_bandwidth_rad_per_s = 100;
+        p.drive.encoder_period_ms = period_ms;
+        LONGS_EQUAL(span, encoder_watch_settings(p, false).span_cycles);
+        LONGS_EQUAL(identifying_span, encoder_watch_settings(p, true).span_cycles);
+        LONGS_EQUAL(period_ms, encoder_watch_settings(p, true).report_cycles);
+        const double late_s = 2e-3 + 4e-3 * period_ms;
+        DOUBLES_EQUAL(3e-3 + 40 * late_s * late_s / 2, encoder_watch_settings(p, true).unseen_from_rest_rad,
+                      1e-12);
+    }
 }

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <complex>
 #include <cstdio>
+#include <utility>
 
 #include "tests/control/inner_loop.hpp"
 
@@ -126,6 +127,21 @@ TEST(LoopDesign, WhatCannotHaveItsMarginsIsRefusedByName) {
     CHECK(design.run(loop_design_request<double>(parameters, 1e-3)) == DesignStatus::accepted);
     parameters.velocity_loop.settling_time_s = 5;
     CHECK(design.run(loop_design_request<double>(parameters, 1e-3)) == DesignStatus::accepted);
+}
+
+TEST(LoopDesign, ReportsThatComeSeldomAreOlderInTheMean) {
+    auto parameters = bench::notes_robot();
+    parameters.velocity_loop.settling_time_s = 0;
+    parameters.velocity_loop.angle_noise_rad = 0;
+    parameters.velocity_loop.actuation_delay_s = 2e-3;
+    for (const auto& [period_ms, settling_s] : {std::pair{1, 0.05}, {2, 0.05}, {5, 0.056}, {10, 0.091}}) {
+        parameters.drive.encoder_period_ms = period_ms;  // 14 (2 ms + (T - 1 ms) / 2), fifty cycles at least
+        DOUBLES_EQUAL(settling_s, velocity_loop_speed(parameters, 1e-3).settling_time_s, 1e-12);
+    }
+    parameters.velocity_loop.angle_noise_rad = 1e-2;  // by the noise of as many reports: sqrt(T)^0.4
+    const double seldom_s = velocity_loop_speed(parameters, 1e-3).settling_time_s;
+    parameters.drive.encoder_period_ms = 1;
+    DOUBLES_EQUAL(std::pow(10, 0.2), seldom_s / velocity_loop_speed(parameters, 1e-3).settling_time_s, 1e-9);
 }
 
 TEST(LoopDesign, StepByStepGivesTheSameAndEnds) {

@@ -432,6 +432,20 @@ TEST(ProbeParts, what_is_given_is_obeyed_and_the_rest_follows) {
     DOUBLES_EQUAL(0.004, given.coupling_standard_error_m, 0);
 }
 
+TEST(ProbeParts, a_bit_holds_five_reports_of_the_encoders) {
+    ident::SizingRequest r = request();
+    const ident::Sizing each_cycle = ident::size_identification(r, found());
+    for (const double period_s : {0.001, 0.002}) {
+        r.report_period_s = period_s;
+        DOUBLES_EQUAL(each_cycle.bit_time_s, ident::size_identification(r, found()).bit_time_s, 0);
+    }
+    r.report_period_s = 0.012;
+    const ident::Sizing seldom = ident::size_identification(r, found());
+    DOUBLES_EQUAL(0.06, seldom.bit_time_s, 1e-12);
+    CHECK(each_cycle.bit_time_s < 0.06);
+    CHECK(seldom.amplitude_Nm <= each_cycle.amplitude_Nm);
+}
+
 TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
     ident::ProbeFindings heavy = found();
     heavy.friction_Nm = 6;

@@ -212,6 +212,17 @@ TEST(CycleSteps, judge_calls_frames_that_are_not_believed_stale_feedback) {
     }
 }
 
+// The middle of the period before the last report: that old it may be just before the next one comes.
+TEST(CycleSteps, samples_are_as_old_as_a_report_before_its_loop_may_be) {
+    for (const int period_ms : {1, 2, 5, 10}) {
+        Scene scene;
+        scene.parameters.drive.encoder_period_ms = period_ms;
+        const double age_ms = 1e3 * Senses::sample_age_s(scene.parameters);
+        CHECK(age_ms >= 1.5 * period_ms + 0.5 - 1e-9);
+        CHECK(age_ms <= 1.5 * period_ms + 1 + 1e-9);
+    }
+}
+
 TEST(CycleSteps, judge_waits_four_encoder_periods_more_for_frames_that_are_not_believed) {
     for (const int period_ms : {2, 5}) {
         Scene scene;
