@@ -49,6 +49,7 @@
 #include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/regression_filter.hpp"
 #include "firmware/ident/score_errors.hpp"
+#include "firmware/ident/student.hpp"
 #include "firmware/ident/ud_rls.hpp"
 
 namespace wheelwright::ident {
@@ -137,7 +138,10 @@ class DynamicsEstimator {
             sum += (less.gain - whole.gain) / gain / unlike;
             information += 1 / unlike;
         }
-        return {sum / information, few_rows(fewest) / std::sqrt(information)};
+        // two equations' rows, of which each shares half with its neighbours
+        constexpr Real kErrors = 4;
+        return {sum / information,
+                error_of_few(kErrors, static_cast<Real>(fewest - 1)) / std::sqrt(information)};
     }
 
     // After a gap in the samples. What was learned stays.
@@ -543,15 +547,6 @@ class DynamicsEstimator {
 
     // Standard error of the slow torque's coefficient, over K7 or K8, where the data do not tell it.
     Real slow_error_share() const { return kOfABound * dry_share_ * dry_share_; }
-
-    // An error from a few rows may be much too small by chance: by how much it has to be larger so that four
-    // of them are as seldom exceeded as four of a known error. Student's t, by Wallace's approximation; two
-    // equations' rows, of which each shares half with its neighbours.
-    static Real few_rows(std::uint32_t rows) {
-        constexpr Real kErrors = 4;
-        const Real freedom = static_cast<Real>(rows - 1);
-        return std::sqrt(freedom * std::expm1(kErrors * kErrors / freedom)) / kErrors;
-    }
 
     // What a Nm of less torque does more than one of the whole, beyond chance, over K7 or K8: so much of the
     // whole may not have arrived.

@@ -31,6 +31,7 @@
 #include "firmware/ident/parabola.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/speed_witness.hpp"
+#include "firmware/ident/student.hpp"
 #include "firmware/ident/torque_reports.hpp"
 #include "firmware/model/dynamics.hpp"
 #include "firmware/model/types.hpp"
@@ -661,13 +662,15 @@ class Probe {
     struct Ratio {
         double value, error;
     };
-    // Answer to the whole amplitude over that to half of it, per torque.
+    // Answer to the whole amplitude over that to half of it, per torque. kSure of its errors are sure.
     Ratio ratio_of(std::size_t wheel) const {
         const Mean& whole = answer_[0][wheel];
         const Mean& half = answer_[1][wheel];
         if (!(half.mean() > 0) || !(whole.mean() > 0)) return {1, 1};
         const double ratio = whole.mean() / half.mean();
-        return {ratio, ratio * joint(whole.error() / whole.mean(), half.error() / half.mean())};
+        const double freedom = whole.count() + half.count() - 2.0;
+        return {ratio, error_of_few(kSure, freedom) * ratio *
+                           joint(whole.error() / whole.mean(), half.error() / half.mean())};
     }
     bool pulses_tell() const {
         return std::max(ratio_of(0).error, ratio_of(1).error) < (1 - kUnclipped) / kSure;

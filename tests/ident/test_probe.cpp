@@ -14,6 +14,7 @@
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/ident/speed_witness.hpp"
+#include "firmware/ident/student.hpp"
 #include "firmware/ident/torque_reports.hpp"
 
 using namespace wheelwright;
@@ -39,6 +40,26 @@ TEST(ProbeParts, a_parabola_gives_its_acceleration_and_what_is_left) {
     ident::Mean one;
     one.add(5);
     CHECK(one.error() > 1e100);
+}
+
+// Of the two-sided table of Student's t: 0.05, 0.01 and 0.001.
+TEST(ProbeParts, an_error_of_few_is_never_too_small) {
+    struct Row {
+        double errors, freedom, t;
+    };
+    for (const auto& [errors, freedom, t] : {Row{1.960, 4, 2.776},
+                                             {1.960, 10, 2.228},
+                                             {1.960, 30, 2.042},
+                                             {2.576, 4, 4.604},
+                                             {2.576, 10, 3.169},
+                                             {3.291, 4, 8.610},
+                                             {3.291, 10, 4.587},
+                                             {3.291, 30, 3.646}}) {
+        const double of_few = errors * ident::error_of_few(errors, freedom);
+        CHECK(of_few > 0.999 * t);
+        CHECK(of_few < (freedom < 10 ? 1.08 : 1.01) * t);
+    }
+    CHECK(ident::error_of_few(4.0F, 1.0F) > 100);
 }
 
 TEST(ProbeParts, reports_tell_a_wrong_constant_from_clipping) {
