@@ -54,6 +54,7 @@ constexpr bool doubts_encoders(IdentCause cause) {
 struct ProbeOptions {
     model::Geometry<double> geometry;
     double sample_time_s{};
+    double report_period_s{};  // of the encoders; 0: each sample
     double torque_limit_Nm{};
     double amplitude_Nm{};  // torque that the pulses shall try; 0: the torque limit
     double speed_limit_m_per_s{};
@@ -198,6 +199,13 @@ class Probe {
     static constexpr std::size_t kMostPulses = 8;
     static constexpr std::size_t kSpeedSpan = 16;
 
+    // What is seen of encoders that report less often than each cycle is older by so much at most (see
+    // task::Senses::sample_age_s).
+    double later_s() const { return 1.5 * std::max(options_.report_period_s - options_.sample_time_s, 0.0); }
+    double settle_s() const { return kSettle_s + later_s(); }
+    // Three reports more.
+    double shortest_fit_s() const { return kShortestFit_s + 2 * later_s(); }
+
     double tried_Nm() const {
         return options_.amplitude_Nm > 0 ? std::min(options_.amplitude_Nm, options_.torque_limit_Nm)
                                          : options_.torque_limit_Nm;
@@ -219,7 +227,8 @@ class Probe {
         const auto quickest = [](const WheelPair<double>& by_Nm) {
             return std::max(std::abs(by_Nm.left), std::abs(by_Nm.right));
         };
-        const double late_s = (kSpeedSpan / 2.0 + kQuickCycles) * options_.sample_time_s + kLongestDelay_s;
+        const double late_s =
+            (kSpeedSpan / 2.0 + kQuickCycles) * options_.sample_time_s + kLongestDelay_s + later_s();
         return kBriskShare * rim_limit_m_per_s() -
                late_s * push_Nm_ *
                    (quickest(found_.pushed_m_per_s2_Nm) + quickest(found_.dragged_m_per_s2_Nm));
@@ -433,18 +442,18 @@ class Probe {
         if (still_cycles_ * options_.sample_time_s > kNeverStanding_s)
             return end(IdentCause::left_wheel_does_not_turn);
         follow_until_stopped(v, fastest);
-        if (leg_s > kSettle_s && usable_) {
+        if (leg_s > settle_s() && usable_) {
             if (rolls_[0]) fit_[leg_][0].add(leg_s, angle_.left);
             if (rolls_[1]) fit_[leg_][1].add(leg_s, angle_.right);
-            compare_report(2 * kSettle_s);
-            if (leg_s > 2 * kSettle_s) measure_noise();
+            compare_report(2 * settle_s());
+            if (leg_s > 2 * settle_s()) measure_noise();
         }
         if (leg_ == 0) {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
             const bool quick = quick_cycles_ >= kQuickCycles;
             if (quick || way > kRoomShare * options_.distance_limit_m || leg_s > kLongestPush_s) {
                 ran_free_ = wheel_running_free();
-                if (leg_s < kShortestPush_s) {  // too quick to be seen: once more, gently
+                if (leg_s < kShortestPush_s + later_s()) {  // too quick to be seen: once more, gently
                     if (gentle_ == kMostHalvings)
                         return end(ran_free_ != IdentCause::none ? ran_free_ : IdentCause::no_room);
                     push_Nm_ = std::max(push_Nm_ / 2,
@@ -459,7 +468,8 @@ class Probe {
                 torque_ = {-sense * sign_left * push_Nm_, -sense * push_Nm_};
                 return;
             }
-        } else if ((speed <= 0 && leg_s > 2 * kSettle_s) || leg_s > 2 * went_s_ + kShortestPush_s) {
+        } else if ((speed <= 0 && leg_s > 2 * settle_s()) ||
+                   leg_s > 2 * went_s_ + kShortestPush_s + later_s()) {
             return end_push(turning);
         }
         torque_ = {sense * sign_left * push_Nm_, sense * push_Nm_};
@@ -610,9 +620,9 @@ class Probe {
         pulse_s_ = std::clamp(wanted_s, shortest_s, std::max(shortest_s, kLongestPulse_s));
         begin_pulse();
     }
-    static constexpr double shortest_pulse_s(double level_Nm, double friction_Nm) {
+    double shortest_pulse_s(double level_Nm, double friction_Nm) const {
         const double friction = std::min(2 * friction_Nm / level_Nm, kMostFriction);  // at half amplitude
-        return (kSettle_s + kShortestFit_s) / kFitShare * (1 + friction) / (1 - friction);
+        return (settle_s() + shortest_fit_s()) / kFitShare * (1 + friction) / (1 - friction);
     }
     // Rim acceleration by a torque on both wheels, of the wheel that has more.
     double quicker() const { return std::max(forward_.left, forward_.right); }
@@ -642,10 +652,11 @@ class Probe {
     }
     void pulse() {
         const double at_s = leg_cycles_++ * options_.sample_time_s;
-        if (usable_ && at_s > kSettle_s && at_s <= std::max(kFitShare * leg_s_, kSettle_s + kShortestFit_s)) {
+        if (usable_ && at_s > settle_s() &&
+            at_s <= std::max(kFitShare * leg_s_, settle_s() + shortest_fit_s())) {
             pulse_fit_[0].add(at_s, angle_.left);
             pulse_fit_[1].add(at_s, angle_.right);
-            compare_report(2 * kSettle_s);
+            compare_report(2 * settle_s());
         }
         if (at_s < leg_s_) return;
         for (std::size_t wheel = 0; wheel < 2; ++wheel) {

@@ -2,6 +2,7 @@
 // as old as one period and a millisecond 28 of 48 robots that report each 5 ms ended with `delay_not_found`.
 #include <algorithm>
 #include <cstdio>
+#include <utility>
 
 #include "tools/strangers/trial.hpp"
 //
@@ -32,5 +33,16 @@ TEST(SlowReports, are_enough_to_identify_and_drive) {
                     static_cast<int>(period_ms), 100 * worst, slowest);
         CHECK(worst < 0.02);
         CHECK(slowest <= 1);
+    }
+}
+
+// By pulses whose first reports told of the torque before, these were called clipped.
+TEST(SlowReports, of_ten_milliseconds_do_not_look_like_drives_that_clip) {
+    for (const auto& [seed, number] : {std::pair{44863883U, 60}, {3840165189U, 87}, {2073226816U, 81}}) {
+        const DrawnRobot robot = draw_robot(seed, number);
+        CHECK(!robot.clips && robot.report_period_ms == 10);
+        const RobotResult result = run_trial(robot, {"", false});
+        CHECK(result.identified);
+        DOUBLES_EQUAL(0, result.clipped_s, 0);
     }
 }
