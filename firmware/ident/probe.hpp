@@ -384,9 +384,10 @@ class Probe {
         if (next == Stage::pulses) {
             if (level_Nm_ == 0) {
                 level_Nm_ = tried_Nm();
-                if (pulse_speed_m_per_s() > options_.overshoot * options_.speed_limit_m_per_s)
+                const bool late = later_s() > 0;  // its pulses are long, and need not be of all the torque
+                if (!late && pulse_speed_m_per_s() > options_.overshoot * options_.speed_limit_m_per_s)
                     return end(IdentCause::no_room);
-                if (!found_.signs_known()) choose_level();
+                if (late || !found_.signs_known()) choose_level();
                 found_.torque_limit_Nm = level_Nm_ > 0 ? level_Nm_ : push_Nm_;
                 first_level_Nm_ = level_Nm_;
                 if (level_Nm_ == 0) return end(IdentCause::none);
