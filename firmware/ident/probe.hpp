@@ -384,10 +384,11 @@ class Probe {
         if (next == Stage::pulses) {
             if (level_Nm_ == 0) {
                 level_Nm_ = tried_Nm();
-                const bool late = later_s() > 0;  // its pulses are long, and need not be of all the torque
-                if (!late && pulse_speed_m_per_s() > options_.overshoot * options_.speed_limit_m_per_s)
+                if (pulse_speed_m_per_s(kSettle_s + kShortestFit_s) >
+                    options_.overshoot * options_.speed_limit_m_per_s)
                     return end(IdentCause::no_room);
-                if (late || !found_.signs_known()) choose_level();
+                // with reports that come seldom pulses are long, and need not be of all the torque
+                if (later_s() > 0 || !found_.signs_known()) choose_level();
                 found_.torque_limit_Nm = level_Nm_ > 0 ? level_Nm_ : push_Nm_;
                 first_level_Nm_ = level_Nm_;
                 if (level_Nm_ == 0) return end(IdentCause::none);
@@ -616,25 +617,26 @@ class Probe {
     // it; and all again. The first pulse of a pair lasts for pulse_s_, the second until friction and torque
     // have stopped the robot: within a pulse no wheel turns round, so friction cancels between the two.
     void choose_pulse() {
-        const double shortest_s = shortest_pulse_s(level_Nm_, found_.friction_Nm);
+        const double shortest_s = shortest_pulse_s(settle_s() + shortest_fit_s());
         const double wanted_s = fast_m_per_s() / (level_Nm_ * quicker());
         pulse_s_ = std::clamp(wanted_s, shortest_s, std::max(shortest_s, kLongestPulse_s));
         begin_pulse();
     }
-    double shortest_pulse_s(double level_Nm, double friction_Nm) const {
-        const double friction = std::min(2 * friction_Nm / level_Nm, kMostFriction);  // at half amplitude
-        return (settle_s() + shortest_fit_s()) / kFitShare * (1 + friction) / (1 - friction);
+    // That a fit is made of `seen_s`, settling included, at half amplitude too.
+    double shortest_pulse_s(double seen_s) const {
+        const double friction = std::min(2 * found_.friction_Nm / level_Nm_, kMostFriction);
+        return seen_s / kFitShare * (1 + friction) / (1 - friction);
     }
     // Rim acceleration by a torque on both wheels, of the wheel that has more.
     double quicker() const { return std::max(forward_.left, forward_.right); }
     // What the shortest whole pulse gets to.
-    double pulse_speed_m_per_s() const {
-        return (level_Nm_ - found_.friction_Nm) * quicker() * shortest_pulse_s(level_Nm_, found_.friction_Nm);
+    double pulse_speed_m_per_s(double seen_s) const {
+        return (level_Nm_ - found_.friction_Nm) * quicker() * shortest_pulse_s(seen_s);
     }
     // As much of the amplitude as gets no faster than either reading allows. If that is less than moves the
     // robot, nothing beyond the pushes is tried.
     void choose_level() {
-        while (pulse_speed_m_per_s() > kPulseShare * rim_limit_m_per_s()) {
+        while (pulse_speed_m_per_s(settle_s() + shortest_fit_s()) > kPulseShare * rim_limit_m_per_s()) {
             level_Nm_ *= kLessTorque;
             if (level_Nm_ / 2 > kMovesEnough * found_.friction_Nm) continue;
             level_Nm_ = 0;

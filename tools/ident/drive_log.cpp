@@ -28,7 +28,8 @@ using drivers::Wheel;
 
 constexpr std::size_t kMostNotes = 20;
 constexpr std::int64_t kLongestHold_cycles = 20;  // a drive holds its torque over missing commands so long
-constexpr std::int64_t kEncoderGap_ns = 5'000'000;
+constexpr double kEncoderGap_s = 0.005;
+constexpr double kEncoderGapPeriods = 2.5;      // or two reports that were lost
 constexpr std::int64_t kMemory_ns = 8'000'000;  // a reported torque was commanded within this time
 constexpr double kPeriodTolerance = 0.2;
 // A report may miss the commands' range by this share of the largest command.
@@ -152,7 +153,9 @@ class Reader {
           before_command_ns_(static_cast<std::int64_t>(robot.realtime.send_phase_s * 1e9 +
                                                        1e9 * protocol::worst_case_bits(8, false) /
                                                            robot.bus.bit_rate_bit_per_s)),
-          age_ns_(static_cast<std::int64_t>(task::Senses::sample_age_s(robot) * 1e9)) {
+          age_ns_(static_cast<std::int64_t>(task::Senses::sample_age_s(robot) * 1e9)),
+          gap_ns_(static_cast<std::int64_t>(
+              1e9 * std::max(kEncoderGap_s, kEncoderGapPeriods * 1e-3 * robot.drive.encoder_period_ms))) {
         plant_ = control::plant_model<double>(robot);
         observer_.configure(control::wheel_observer_settings<double>(robot, task::kCyclePeriod_s));
     }
@@ -271,9 +274,10 @@ class Reader {
         cycle.sample.angle_rad = angle_rad_;
         const bool deaf =
             start_ns - std::min(left_.feedback().encoder_time_ns, right_.feedback().encoder_time_ns) >
-            kEncoderGap_ns;
+            gap_ns_;
         if (deaf && !deaf_ && left_.closed_loop() && right_.closed_loop()) {
-            note("gap: no encoder frames for more than 5 ms while torque is commanded: left out");
+            note("gap: no encoder frames for more than " + std::to_string(gap_ns_ / 1'000'000) +
+                 " ms while torque is commanded: left out");
         }
         if (deaf_ && !deaf) pending_restart_ = true;
         deaf_ = deaf;
@@ -331,7 +335,7 @@ class Reader {
     WheelPair<double> radius_;
     double track_m_;
     std::int64_t before_command_ns_;
-    std::int64_t age_ns_;
+    std::int64_t age_ns_, gap_ns_;
     control::PlantModel<double> plant_;
     control::WheelObserver<double> observer_;
     DriveLog log_;

@@ -66,6 +66,9 @@ class Robot:
         for effect in re.findall(r"^\[(effects\..*)\]", plant, re.M):
             robot += "\n" + whole_table(plant, effect)
         plant = with_value(plant, "simulation", "velocity_filter_rad_per_s", float(self.loop_rad_per_s))
+        # this is of encoder loops; reports that come seldom are not read from bus logs well enough yet
+        robot = with_value(robot, "drive", "encoder_period_ms", 1)
+        plant = with_value(plant, "drive", "encoder_period_ms", 1)
         robot = with_value(robot, "drive", "generation", self.generation)
         plant = with_value(plant, "drive", "generation", self.generation)
         self.robot, self.plant = os.path.join(folder, "healthy.toml"), os.path.join(folder, "truth.toml")
