@@ -54,7 +54,7 @@ constexpr bool doubts_encoders(IdentCause cause) {
 struct ProbeOptions {
     model::Geometry<double> geometry;
     double sample_time_s{};
-    double report_period_s{};  // of the encoders; 0: each sample
+    double sample_age_s{};  // of the angles when they are handed over; two cycles where encoders report each
     double torque_limit_Nm{};
     double amplitude_Nm{};  // torque that the pulses shall try; 0: the torque limit
     double speed_limit_m_per_s{};
@@ -199,9 +199,8 @@ class Probe {
     static constexpr std::size_t kMostPulses = 8;
     static constexpr std::size_t kSpeedSpan = 16;
 
-    // What is seen of encoders that report less often than each cycle is older by so much at most (see
-    // task::Senses::sample_age_s).
-    double later_s() const { return 1.5 * std::max(options_.report_period_s - options_.sample_time_s, 0.0); }
+    // What is seen of encoders that report less often than each cycle is so much older.
+    double later_s() const { return std::max(options_.sample_age_s - 2 * options_.sample_time_s, 0.0); }
     double settle_s() const { return kSettle_s + later_s(); }
     // Three reports more.
     double shortest_fit_s() const { return kShortestFit_s + 2 * later_s(); }

@@ -1,5 +1,5 @@
 // Drawn robots whose encoders report less often than each cycle, through the firmware as it is. With samples
-// as old as one period and a millisecond 28 of 48 robots that report each 5 ms ended with `delay_not_found`.
+// as old as one period and a millisecond many that report each 5 ms ended with `delay_not_found`.
 #include <algorithm>
 #include <cstdio>
 #include <utility>
