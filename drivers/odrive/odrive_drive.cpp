@@ -28,10 +28,10 @@ constexpr std::int64_t kIdleAgain_ns = 50'000'000;
 constexpr double kTorqueSlack = 0.1;
 constexpr int kWrongTorques = 2;
 
-// Longer than this many encoder periods between two encoder frames: some are missing; and so many that a
-// drive may have been switched on anew.
+// Longer than this many encoder periods between two encoder frames: some are missing. And longer than this
+// many, and no drive starts within 5 ms, between two reports of any kind: it may have been switched on anew.
 constexpr double kGap = 1.5;
-constexpr double kLongGap = 5;
+constexpr double kLongGap = 2, kStarts_s = 5e-3;
 // A wheel's turn of which no encoder tells less: see wheel_observer.hpp.
 constexpr double kCoarsestStep_turns = 1.0 / 64;
 // Frames of another generation's form: doubt, and no doubt.
@@ -166,7 +166,8 @@ OdriveDrive::OdriveDrive(const OdriveConfig& config)
     : config_(config),
       wheel_rad_per_rev_(config.sign * kTwoPi / config.gear_ratio),
       heartbeat_timeout_ns_(to_ns(config.heartbeat_timeout_s)),
-      arming_timeout_ns_(to_ns(config.arming_timeout_s)) {
+      arming_timeout_ns_(to_ns(config.arming_timeout_s)),
+      away_ns_(to_ns(std::max(kStarts_s, kLongGap * config.encoder_period_s))) {
     set_scales();
     add_frame(gen6::Heartbeat::name, gen6::Heartbeat::command, false, config.heartbeat_period_s);
     add_frame(gen6::GetEncoderEstimates::name, gen6::GetEncoderEstimates::command, false,
@@ -287,7 +288,7 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
             gen6::TxSdo answer;
             if (!decode(frame, answer)) break;
             take_answer(answer.endpoint_id, answer.value);
-            break;
+            return true;
         }
         case gen6::SetAxisState::command:
         case gen6::SetControllerMode::command:
@@ -298,10 +299,12 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         case gen6::ClearErrors::command:
         case gen6::SetAbsolutePosition::command:
             take_foreign(frame, received.timestamp_ns);
-            break;
+            return true;
         default:
-            break;
+            return true;
     }
+    if (heard_ns_ != 0 && received.timestamp_ns - heard_ns_ > away_ns_) take_return(false);
+    heard_ns_ = received.timestamp_ns;
     return true;
 }
 
@@ -327,7 +330,7 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
         const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
         const bool anew = begins_anew(position_rev, speed_rev_per_s, time_ns);
         if (anew) origin_rev_ += before + speed_rev_per_s_ * since_s - position_rev;
-        if (anew || since_s > kLongGap * config_.encoder_period_s) take_return(anew);
+        if (anew) take_return(true);
     }
     position_rev_ = position_rev;
     speed_rev_per_s_ = speed_rev_per_s;

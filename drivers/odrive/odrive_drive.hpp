@@ -36,8 +36,8 @@
 // A drive that has been away may have been switched off, and may be set to come back in closed loop, in a
 // mode of its own; its heartbeat says so late. So the first encoder frame after a gap counts: where it does
 // not go on from the last one (after power-on a drive counts from 0), a drive that was armed has left that
-// state; and one that is not armed is told to go idle after any long gap, whatever it is. Its position goes
-// on meanwhile with the speed it had.
+// state; and one that is not armed is told to go idle by its first report of any kind after two encoder
+// periods without one, and 5 ms, whatever it is. Its position goes on meanwhile with the speed it had.
 //
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
 //
@@ -206,6 +206,8 @@ class OdriveDrive final : public MotorDrive {
     double wheel_rad_per_rev_ = 1;
     std::int64_t heartbeat_timeout_ns_;
     std::int64_t arming_timeout_ns_;
+    std::int64_t away_ns_;  // without a report
+    std::int64_t heard_ns_ = 0;
 
     DriveFeedback feedback_;
     DriveCounters counters_;

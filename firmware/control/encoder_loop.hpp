@@ -175,11 +175,9 @@ class EncoderBehindLoop {
   private:
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
         if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
-        const std::int64_t periods =
-            (reported.time_ns - last_.time_ns + half_period_ns_) / (2 * half_period_ns_);
-        const bool between_two = last_.time_ns > 0 && reported.time_ns > last_.time_ns && periods == 0;
-        if (between_two) return angle_;  // someone has asked for it
-        const auto reports = static_cast<double>(periods);
+        const bool follows = last_.time_ns > 0 && reported.time_ns > last_.time_ns;
+        if (follows && asked_for(reported.time_ns)) return angle_;
+        const double reports = std::round(seconds_between(last_, reported) / report_period_s_);
         double half_way_rad = 0;
         off_rad_ = 0;
         if (last_.time_ns > 0 && reports >= 1 && reports <= kMostReports) {
@@ -206,6 +204,14 @@ class EncoderBehindLoop {
                   reported.time_ns - half_period_ns_};
         return angle_;
     }
+    // One off the others' beat someone has asked for; not where none has come in the beat for long.
+    bool asked_for(std::int64_t time_ns) const {
+        const double since_s = 1e-9 * static_cast<double>(time_ns - last_.time_ns);
+        const double beats = std::round(since_s / report_period_s_);
+        const double off_s = std::abs(since_s - beats * report_period_s_);
+        return since_s < kNewBeat * report_period_s_ &&
+               (beats == 0 || off_s > std::max(kWaits_s, kOffBeat * report_period_s_));
+    }
     // Position and speed are of one loop: but for a period of it at either end, the curve of the speed
     // between the reports, a twentieth of the lag, and a float's last digit after a thousand turns.
     bool agree(double by_speed_rad, double speed, double gained, double passed_s) const {
@@ -215,7 +221,10 @@ class EncoderBehindLoop {
                    kDigit_rad;
     }
 
-    static constexpr double kQuickLoop = 4;  // of its periods
+    static constexpr double kQuickLoop = 4;   // of its periods
+    static constexpr double kWaits_s = 5e-4;  // a frame for others, at most
+    static constexpr double kOffBeat = 0.1;   // of a period: what a drive's clock and its tasks are late
+    static constexpr double kNewBeat = 2.5;   // periods
     static constexpr double kMostReports = 4;
     static constexpr int kNotByChance = 3;  // reports in a row
     double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;

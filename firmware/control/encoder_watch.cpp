@@ -8,7 +8,7 @@ namespace {
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);    // of what the torque brakes by, with friction
 constexpr Real kFrictionGrows = Real(1.5);  // when cold, or to break away; at most, and as much less
-constexpr int kHistoryReports = 16;
+constexpr int kHistory_cycles = 16, kHistoryReports = 4;  // at least
 constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
@@ -63,7 +63,8 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kObserverCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
             std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad),
-            from.drive.encoder_period_ms};
+            from.drive.encoder_period_ms,
+            std::max(kHistoryReports, kHistory_cycles / from.drive.encoder_period_ms)};
 }
 
 void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
@@ -112,7 +113,7 @@ bool EncoderWatch::update(Real elapsed_s, const std::array<EncoderAngle, 2>& tol
 
 // Whether the angle is the same as before, as far as it is known behind the drive's loop; or what is told is.
 // What that loop still shows of the motion fades in the first frames.
-bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& now) {
+bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& now) const {
     const double unsure_rad = std::max(told.unsure_rad, wheel.told.unsure_rad);
     if (told.position_rad == wheel.told.position_rad ||
         std::abs(told.angle_rad - wheel.told.angle_rad) <= unsure_rad) {
@@ -122,7 +123,7 @@ bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& n
     }
     wheel.told = told;
     wheel.unseen.frames = -1;
-    if (++wheel.history_age >= kHistoryReports) {
+    if (++wheel.history_age >= settings_.history_reports) {
         wheel.before = wheel.lately;
         wheel.lately = now;
         wheel.history_age = 0;
@@ -147,8 +148,9 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Re
     const bool level_floor = settings_.known_friction_Nm > 0;
     if (unseen.frames == 0) {  // the first cycle: how fast was it, at least and at most, before it stood?
         const Real changed =
-            level_floor ? kBrakesShare * wheel.before.changed_rad_per_s
-                        : brakes * Real((kHistoryReports + wheel.history_age) * settings_.report_cycles);
+            level_floor
+                ? kBrakesShare * wheel.before.changed_rad_per_s
+                : brakes * Real((settings_.history_reports + wheel.history_age) * settings_.report_cycles);
         unseen.speed_rad_per_s = {before - changed, before + changed};
         unseen.from_rest = std::abs(before) <= changed;
         if (!level_floor) {

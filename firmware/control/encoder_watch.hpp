@@ -47,6 +47,7 @@ struct EncoderWatchSettings {
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
     Real unseen_from_rest_rad = Real(kMostUnseen_rad);  // that a wheel which stood may turn
     int report_cycles = 1;                              // from one report of an encoder to the next
+    int history_reports = 16;                           // after which a speed is a former one
 };
 
 // `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its
@@ -92,7 +93,7 @@ class EncoderWatch {
     struct Wheel {
         EncoderAngle told;  // when it changed last, and in the frames after that
         Unseen unseen;
-        Motion before, lately;  // 16 to 32 cycles ago, and up to 16; of those in which the angle changed
+        Motion before, lately;  // one to two histories ago, and up to one; of reports that changed the angle
         int history_age = 0;
     };
     struct Instant {
@@ -107,7 +108,7 @@ class EncoderWatch {
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
-    static bool still(Wheel& wheel, const EncoderAngle& told, const Motion& now);
+    bool still(Wheel& wheel, const EncoderAngle& told, const Motion& now) const;
     Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_rad_per_s2) const;
     void remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant);
     void push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling, Real gain_rad_per_s) const;

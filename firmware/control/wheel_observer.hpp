@@ -66,8 +66,10 @@ struct WheelObserverSettings {
     Real bandwidth_rad_per_s{};
     Real actuation_delay_s{};  // from a cycle's start to the centroid of its torque; at most 21 cycles
     Real calm_acceleration_rad_per_s2{};  // of a wheel, > 0
-    Real restart_after_s = Real(0.02);    // a gap in the samples after which the filter starts anew
-    Real fastest_rad_per_s{};             // of a wheel at the speeds that are faults
+    // A gap in the samples after which the filter starts anew; older ones are not taken: a filter that is
+    // corrected for the same thing by each of many late samples goes astray.
+    Real restart_after_s = Real(0.02);
+    Real fastest_rad_per_s{};  // of a wheel at the speeds that are faults
     Real coarsest_step_rad =
         Real(kCoarsestStep_rad);  // by which an angle may leap, for its encoder is coarse
 };
@@ -210,8 +212,9 @@ class WheelObserver {
         int trusted = 0;        // samples, up to kSampleMemory: the origin is the wheel's own
         double origin = 0;      // added to what the drive says
         bool heard = false;
-        bool lost = false;   // begins anew with the next sample
-        bool stuck = false;  // by dry friction, as predicted
+        bool lost = false;        // begins anew with the next sample
+        bool began_anew = false;  // with the speed that this sample shows
+        bool stuck = false;       // by dry friction, as predicted
         bool new_clock = false;
 
         void advance(Real acceleration, Real dt) {
@@ -349,7 +352,7 @@ class WheelObserver {
         // A wheel that is faster than the filter thinks: begin anew with its speed.
         if (!(std::abs(slope - wheel.speed) * dt <= reach(dt))) {
             wheel.speed = slope;
-            wheel.error = 0;
+            wheel.began_anew = true;
         }
         if (wheel.trusted < int(kSampleMemory)) {  // the first ones were the strange ones
             wheel.origin = 0;
@@ -364,7 +367,9 @@ class WheelObserver {
     }
 
     void take(Wheel& wheel, const EncoderSample& sample, std::int64_t now_ns, Real acceleration) {
-        if (sample.time_ns == 0 || sample.time_ns <= wheel.heard_ns || !trust(wheel, sample)) return;
+        if (sample.time_ns == 0 || sample.time_ns <= wheel.heard_ns ||
+            seconds(now_ns - sample.time_ns) > settings_.restart_after_s || !trust(wheel, sample))
+            return;
         const double position_rad = sample.position_rad + wheel.origin;
         const bool restart = !wheel.heard || wheel.lost ||
                              seconds(sample.time_ns - wheel.heard_ns) > settings_.restart_after_s;
@@ -374,10 +379,13 @@ class WheelObserver {
         const Real age = seconds(now_ns - wheel.smoothed_ns);
         wheel.count = std::min(wheel.count + 1, kSampleMemory);
         if (restart) {
-            wheel.heard = true;
-            wheel.lost = false;
             const Real speed = Real(sample.speed_rad_per_s);
             wheel.speed = std::abs(speed) <= 2 * settings_.fastest_rad_per_s ? speed : Real(0);
+        }
+        if (restart || wheel.began_anew) {
+            if (wheel.lost) wheel.base = position_rad;  // as it was no number, this may be anywhere
+            wheel.heard = true;
+            wheel.lost = wheel.began_anew = false;
             wheel.error = 0;
             wheel.angle = Real(position_rad - wheel.base) + wheel.speed * age;
             return;
@@ -464,11 +472,13 @@ inline double encoder_step_rad(const model::RobotParameters& from) {
 
 template <typename Real>
 WheelObserverSettings<Real> wheel_observer_settings(const model::RobotParameters& from, Real cycle_s) {
+    constexpr Real kLongestGap = 4;  // periods of the encoders
     WheelObserverSettings<Real> to;
     to.cycle_s = cycle_s;
     to.encoder_period_s = Real(from.drive.encoder_period_ms) / 1000;
     to.bandwidth_rad_per_s = Real(velocity_loop_speed(from, double(cycle_s)).observer_bandwidth_rad_per_s);
     to.actuation_delay_s = Real(from.velocity_loop.actuation_delay_s + model::effects_delay_s(from.effects));
+    to.restart_after_s = std::max(to.restart_after_s, kLongestGap * to.encoder_period_s);
     to.fastest_rad_per_s = Real(fastest_wheel_rad_per_s(from));
     to.coarsest_step_rad = Real(encoder_step_rad(from));
     // a tenth of what the torque limit can give

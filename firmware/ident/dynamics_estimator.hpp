@@ -88,7 +88,8 @@ class DynamicsEstimator {
         track_m_ = static_cast<Real>(options.filter.geometry.track_m);
         filter_.configure(options.filter);
         set_delay(options.filter.delay_s);
-        lag_error_share_ = kOfABound * left_of_lag(options.lag_s, options.bit_time_s);
+        least_error_share_ =
+            std::hypot(kGainHolds, kOfABound * left_of_lag(options.lag_s, options.bit_time_s));
         columns_ = column_places(filter_.estimated(), places_);
         const int size = kFixed + columns_;
         Vector prior{};
@@ -280,6 +281,12 @@ class DynamicsEstimator {
     static constexpr Real kShareInGain = Real(0.1);
     // Standard deviation of what may be anything between two bounds, over a bound: 1 / sqrt(3).
     static constexpr Real kOfABound = Real(0.577);
+    // What no K7 and K8 are known better than, as a share of themselves: magnets lose a thousandth of their
+    // flux a kelvin, and no drive stays the same to a twentieth of one for a minute. And K5, as a share of
+    // the track: where a tyre touches the ground moves by more. What laws of friction that are not listed put
+    // into the parameters is as large.
+    static constexpr Real kGainHolds = Real(5e-5);
+    static constexpr Real kContactHolds = Real(1e-4);
     static constexpr Real kNotExcited = Real(0.5);  // of the prior variance, left
     static constexpr int kMixedRows = 7;            // three blocks, the delay and the speeds' span
     // Neighbouring rows share blocks, and so the plant's noise: of variance, what no rows of its own say.
@@ -589,7 +596,7 @@ class DynamicsEstimator {
         const auto widened = [&](const Equation& e, Real k) {
             const Real slow = e.torque_power > 0 ? e.slow_power / e.torque_power : Real(0);
             return std::hypot(e.torque_error, k * kOfABound * kShareInGain * missing_share(e),
-                              k * std::hypot(slow_error_share() * slow, lag_error_share_, excess));
+                              k * std::hypot(slow_error_share() * slow, least_error_share_, excess));
         };
         estimate_.standard_error = {linear.velocity_product_error, turning.velocity_product_error,
                                     widened(linear, estimate_.dynamics.k7_per_kg_m),
@@ -620,6 +627,9 @@ class DynamicsEstimator {
         const Real unlike = equation_[0].rls.theta()[kCrossTorque] / k.k7_per_kg_m;
         const Real beside = equation_[1].rls.theta()[kCrossTorque] / k.k8_per_kg_m2;
         const auto square = [](Real value) { return value * value; };
+        const Real holds_m = kContactHolds * track_m_;
+        e.k5_m = std::hypot(e.k5_m, holds_m);
+        e.k6_per_m = std::hypot(e.k6_per_m, holds_m / unit_m2);
         const Real turning_m = unit_m2 * k.k6_per_m;
         const Real apart_m = k.k5_m - turning_m;
         const Real a = square(e.k5_m);
@@ -680,7 +690,7 @@ class DynamicsEstimator {
                               equation.rls.variance(parameter) * equation.errors.residual_density()));
     }
 
-    Real relative_standard_error_{}, coupling_standard_error_m_{}, dry_share_{}, lag_error_share_{},
+    Real relative_standard_error_{}, coupling_standard_error_m_{}, dry_share_{}, least_error_share_{},
         prior_variance_{}, track_m_{};
     double sample_time_s_{}, delay_s_{};
     RegressionFilter<Real, kTaps> filter_;

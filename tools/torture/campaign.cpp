@@ -32,7 +32,7 @@ TortureOutcome run_torture(const TortureCampaign& campaign,
     const auto begin = std::chrono::steady_clock::now();
     in_parallel(campaign.seeds, campaign.jobs, stop, [&](std::size_t i) {
         const std::uint64_t seed = campaign.first_seed + i;
-        const UntouchedDrive untouched = untouched_drive(seed, campaign.robots);
+        const UntouchedDrive untouched = untouched_drive(seed, campaign.robots, campaign.report_period_ms);
         if (untouched.problem.empty()) {
             for (const TortureKind* kind : campaign.kinds) {
                 by_seed[i].push_back(torture(*kind, untouched));

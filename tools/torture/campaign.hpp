@@ -16,6 +16,7 @@ struct TortureCampaign {
     std::uint64_t first_seed = 1;
     std::uint64_t seeds = 1;
     TorturedRobots robots = TorturedRobots::both;
+    int report_period_ms = 1;  // of their encoders
     std::size_t jobs = 1;
 };
 

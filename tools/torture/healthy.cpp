@@ -256,10 +256,10 @@ class Driver {
 
 }  // namespace
 
-HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough) {
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough, int report_period_ms) {
     HealthyResult result;
     result.seed = seed;
-    SceneSetup setup = scene_setup(seed, TorturedRobots::drawn);
+    SceneSetup setup = scene_setup(seed, TorturedRobots::drawn, report_period_ms);
     result.robot = setup.text();
     if (rough && seed % 2 == 0) {
         const std::size_t slip = model::find_effect("wheel_slip");

@@ -21,7 +21,8 @@ struct HealthyResult {
 // turn, with the noise of its file and a loss of one frame in a thousand.
 // `rough`: on rough ground, too. Slopes that come and go, bumps under one wheel, obstacles that it hits, and
 // for each second robot tyres that slip.
-HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough = false);
+HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough = false,
+                            int report_period_ms = 1);
 
 inline constexpr std::size_t kHealthyRobots = 20;
 inline constexpr double kHealthyLoss = 0.001;  // of the frames

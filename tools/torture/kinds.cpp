@@ -658,8 +658,13 @@ constexpr std::array kKinds{
                 }},
     TortureKind{"delay", "frames reach the firmware 0.5 to 1 ms late, each otherwise", Expect::serves, "",
                 [](Scene& s) { s.sim().bus().set_receive_latency(0, 500'000, 500'000); }},
-    TortureKind{"long_delay", "frames reach the firmware 15 ms late", Expect::stops, "stale_feedback",
-                [](Scene& s) { s.sim().bus().set_receive_latency(0, 15'000'000, 0); }, nullptr,
+    TortureKind{"long_delay", "frames reach the firmware late by one and a half of feedback's time-out",
+                Expect::stops, "stale_feedback",
+                [](Scene& s) {
+                    const double late_s = 1.5 * s.setup().believed.safety.stale_feedback_s;
+                    s.sim().bus().set_receive_latency(0, std::llround(1e9 * late_s), 0);
+                },
+                nullptr,
                 feedback_timeout, "feedback's time-out + 1 cycle and the way"},
     TortureKind{"late_torques", "the drives hear 1 ms late", Expect::serves, "",
                 [](Scene& s) { s.sim().bus().set_receive_latency(1, 1'000'000, 0); }, nullptr, nullptr, "",

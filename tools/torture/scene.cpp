@@ -1,5 +1,6 @@
 #include "tools/torture/scene.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <numbers>
@@ -54,6 +55,15 @@ void identify(SceneSetup& setup, const model::Dynamics<double>& seen, double del
         0.5 * std::hypot(setup.simulation.encoder_noise_rad, step_rad / std::sqrt(12.0));
 }
 
+// The time-out of encoder frames follows from their period.
+void report_each(int period_ms, SceneSetup& setup) {
+    const double timeout_s = standard_truth().parameters.safety.stale_feedback_s;
+    for (model::RobotParameters* p : {&setup.believed, &setup.truth}) {
+        p->drive.encoder_period_ms = period_ms;
+        p->safety.stale_feedback_s = std::max(timeout_s, 4e-3 * period_ms);
+    }
+}
+
 }  // namespace
 
 std::uint32_t bits_of(float value) {
@@ -65,10 +75,13 @@ std::uint32_t bits_of(float value) {
 std::string SceneSetup::text() const {
     return std::string(protocol::to_string_view(mode)) + (separate_host_bus ? ", host bus" : ", one bus") +
            (truth.drive.generation == 5 ? ", 0.5" : ", 0.6") + (drawn_robot ? ", drawn" : ", default") +
-           (side == 0 ? ", left" : ", right");
+           (side == 0 ? ", left" : ", right") +
+           (truth.drive.encoder_period_ms > 1
+                ? ", reports each " + std::to_string(truth.drive.encoder_period_ms) + " ms"
+                : "");
 }
 
-SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
+SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots, int report_period_ms) {
     sim::Random random(seed, kSetupStream);
     SceneSetup setup;
     setup.seed = seed;
@@ -82,11 +95,7 @@ SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
         const DrawnRobot robot = draw_robot(seed, 1);
         setup.believed = robot.believed.parameters;
         setup.truth = robot.truth.parameters;
-        // The bounds are those of drives that report in each cycle.
-        for (model::RobotParameters* p : {&setup.believed, &setup.truth}) {
-            p->drive.encoder_period_ms = 1;
-            p->safety.stale_feedback_s = standard_truth().parameters.safety.stale_feedback_s;
-        }
+        report_each(report_period_ms, setup);
         setup.simulation = robot.truth.simulation;
         const sim::Plant plant(
             sim::plant_from_dynamics(setup.truth.geometry, setup.truth.dynamics, setup.truth.effects));
@@ -96,6 +105,7 @@ SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots) {
     setup.believed = standard_believed().parameters;
     setup.truth = standard_truth().parameters;
     setup.simulation = standard_truth().simulation;
+    report_each(report_period_ms, setup);
     setup.believed.drive.generation = setup.truth.drive.generation = seed / 10 % 2 != 0 ? 5 : 6;
     identify(setup, as_seen_with(setup.truth.dynamics, setup.truth.geometry, setup.believed.geometry),
              setup.simulation.command_latency_s + setup.simulation.torque_lag_s);

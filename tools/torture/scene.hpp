@@ -27,9 +27,10 @@ struct SceneSetup {
     double way = 1;        // 1 or -1
     model::RobotParameters believed, truth;
     task::SimulationParameters simulation;
-    std::string text() const;  // "velocity, host bus, 0.5, drawn"
+    std::string text() const;  // "velocity, host bus, 0.5, drawn, left"
 };
-SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots);
+// `report_period_ms`: of the drives' encoder frames, 1 to 10.
+SceneSetup scene_setup(std::uint64_t seed, TorturedRobots robots, int report_period_ms = 1);
 
 // What a scene writes; "": nothing.
 struct SceneRecords {

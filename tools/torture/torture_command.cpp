@@ -37,6 +37,7 @@ struct Options {
     std::size_t jobs = 0;
     std::string kind;
     std::string robots = "both";
+    int report_ms = 1;
     std::string log;
     std::string black_box;
     std::string page;
@@ -106,13 +107,14 @@ void write_page(const std::string& path, const std::vector<KindSummary>& sums, c
     page.section("Kind by kind").table(std::move(table));
     if (!broken.rows.empty()) page.section("Rules broken").table(std::move(broken));
     page.footer("wheelwright torture --seeds " + std::to_string(options.seeds) + " --first-seed " +
-                std::to_string(options.first_seed) + " --robots " + options.robots);
+                std::to_string(options.first_seed) + " --robots " + options.robots + " --report-ms " +
+                std::to_string(options.report_ms));
     page.write(path);
 }
 
 // One seed again, in full.
 int replay(const Options& options, const TortureKind& kind) {
-    const UntouchedDrive untouched = untouched_drive(options.seed, robots_of(options));
+    const UntouchedDrive untouched = untouched_drive(options.seed, robots_of(options), options.report_ms);
     if (!untouched.problem.empty()) {
         std::fprintf(stderr, "wheelwright torture: seed %llu (%s) does not drive even untouched: %s\n",
                      static_cast<unsigned long long>(options.seed), untouched.setup.text().c_str(),
@@ -137,6 +139,7 @@ int run_campaign(const Options& options, std::vector<const TortureKind*> kinds) 
     campaign.first_seed = options.seed > 0 ? options.seed : options.first_seed;
     campaign.seeds = options.seed > 0 ? 1 : options.seeds;
     campaign.robots = robots_of(options);
+    campaign.report_period_ms = options.report_ms;
     campaign.jobs = options.jobs;
     catch_interrupt();
     TortureOutcome outcome;
@@ -218,8 +221,8 @@ int run_healthy(const Options& options) {
         in_parallel(
             robots, options.jobs, [] { return interrupted(); },
             [&](std::size_t i) {
-                results[i] =
-                    drive_healthy(first + i, 3600 * options.healthy_hours / kHealthyRobots, options.rough);
+                results[i] = drive_healthy(first + i, 3600 * options.healthy_hours / kHealthyRobots,
+                                           options.rough, options.report_ms);
                 count(i);
             });
     }
@@ -366,6 +369,9 @@ void add_torture(const CommandLine& program, Run& run) {
     command.add_flag("--list", options->list, "Print the kinds of fault and end");
     command.add_option("--robots", options->robots, "Whose robots")
         .check(one_of({"both", "default", "drawn"}))
+        .show_default();
+    command.add_option("--report-ms", options->report_ms, "How often their drives report encoders, in ms")
+        .check(from_to("1", "10"))
         .show_default();
     command.add_option("--hostile", options->hostile, "Instead: so many hostile frames on the bus")
         .check(from_to("1", "1000000000"));

@@ -305,9 +305,9 @@ void recover(Scene& scene, Judge& judge) {
 
 }  // namespace
 
-UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots) {
+UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots, int report_period_ms) {
     UntouchedDrive drive;
-    drive.setup = scene_setup(seed, robots);
+    drive.setup = scene_setup(seed, robots, report_period_ms);
     Scene scene(drive.setup);
     if (!scene.drive_off()) {
         drive.problem = scene.problem;

@@ -19,7 +19,7 @@ struct UntouchedDrive {
     std::vector<double> fastest_rim_m_per_s;  // so far
     protocol::Mode mode_at_end = protocol::Mode::idle;
 };
-UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots);
+UntouchedDrive untouched_drive(std::uint64_t seed, TorturedRobots robots, int report_period_ms = 1);
 
 struct TortureResult {
     std::string_view kind;
