@@ -28,8 +28,8 @@ constexpr std::int64_t kIdleAgain_ns = 50'000'000;
 constexpr double kTorqueSlack = 0.1;
 constexpr int kWrongTorques = 2;
 
-// Longer than this many encoder periods between two encoder frames: some are missing. And longer than this
-// many, and no drive starts within 5 ms, between two reports of any kind: it may have been switched on anew.
+// Longer than this many encoder periods between two encoder frames: some are missing. And so many, and as no
+// drive starts within 5 ms, that it may have been switched on anew.
 constexpr double kGap = 1.5;
 constexpr double kLongGap = 2, kStarts_s = 5e-3;
 // A wheel's turn of which no encoder tells less: see wheel_observer.hpp.
@@ -303,9 +303,16 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         default:
             return true;
     }
-    if (heard_ns_ != 0 && received.timestamp_ns - heard_ns_ > away_ns_) take_return(false);
-    heard_ns_ = received.timestamp_ns;
+    look_for_return(received.timestamp_ns);
     return true;
+}
+
+// At its first report, whatever that tells.
+void OdriveDrive::look_for_return(std::int64_t time_ns) {
+    if (returned_ || feedback_.encoder_time_ns == 0 || time_ns - feedback_.encoder_time_ns <= away_ns_)
+        return;
+    returned_ = true;
+    take_return(false);
 }
 
 // A motor without a thermistor is told as no number.
@@ -331,6 +338,8 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
         const bool anew = begins_anew(position_rev, speed_rev_per_s, time_ns);
         if (anew) origin_rev_ += before + speed_rev_per_s_ * since_s - position_rev;
         if (anew) take_return(true);
+        look_for_return(time_ns);
+        returned_ = false;
     }
     position_rev_ = position_rev;
     speed_rev_per_s_ = speed_rev_per_s;

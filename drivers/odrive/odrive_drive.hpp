@@ -36,8 +36,8 @@
 // A drive that has been away may have been switched off, and may be set to come back in closed loop, in a
 // mode of its own; its heartbeat says so late. So the first encoder frame after a gap counts: where it does
 // not go on from the last one (after power-on a drive counts from 0), a drive that was armed has left that
-// state; and one that is not armed is told to go idle by its first report of any kind after two encoder
-// periods without one, and 5 ms, whatever it is. Its position goes on meanwhile with the speed it had.
+// state; and one that is not armed is told to go idle at its first report of any kind after two encoder
+// periods without an encoder frame, and 5 ms. Its position goes on meanwhile with the speed it had.
 //
 // Remote requests are never sent: they would feed the watchdog of a 0.5 drive and keep an old torque alive.
 //
@@ -175,6 +175,7 @@ class OdriveDrive final : public MotorDrive {
     void take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns);
     bool begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const;
     void take_return(bool anew);
+    void look_for_return(std::int64_t time_ns);
     void take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns);
     void count_anew(FrameSink& out);
     void take_foreign(const hal::CanFrame& frame, std::int64_t time_ns);
@@ -206,8 +207,7 @@ class OdriveDrive final : public MotorDrive {
     double wheel_rad_per_rev_ = 1;
     std::int64_t heartbeat_timeout_ns_;
     std::int64_t arming_timeout_ns_;
-    std::int64_t away_ns_;  // without a report
-    std::int64_t heard_ns_ = 0;
+    std::int64_t away_ns_;  // without an encoder frame
 
     DriveFeedback feedback_;
     DriveCounters counters_;
@@ -220,6 +220,7 @@ class OdriveDrive final : public MotorDrive {
     std::int64_t last_far_ns_ = 0;
     int far_frames_ = 0;
     int told_to_count_anew_ = 0;
+    bool returned_ = false;  // from the gap in the encoder frames that is
     std::int64_t told_to_count_anew_ns_ = 0;
 
     std::int64_t now_ns_ = 0;

@@ -64,7 +64,7 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
             std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad),
             from.drive.encoder_period_ms,
-            std::max(kHistoryReports, kHistory_cycles / from.drive.encoder_period_ms)};
+            std::max(kHistoryReports, kHistory_cycles / static_cast<int>(from.drive.encoder_period_ms))};
 }
 
 void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {

@@ -383,7 +383,6 @@ class WheelObserver {
             wheel.speed = std::abs(speed) <= 2 * settings_.fastest_rad_per_s ? speed : Real(0);
         }
         if (restart || wheel.began_anew) {
-            if (wheel.lost) wheel.base = position_rad;  // as it was no number, this may be anywhere
             wheel.heard = true;
             wheel.lost = wheel.began_anew = false;
             wheel.error = 0;

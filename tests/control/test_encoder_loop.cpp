@@ -199,6 +199,34 @@ TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
     DOUBLES_EQUAL(at_rad, behind.sample({0, 0, 0}).position_rad, 1e-12);  // nothing was told
 }
 
+// A wheel at 10 rad/s that is reported each 10 ms, and one report more at any time between two: what is not
+// within a tenth of a period of the beat is left out, and the regular ones keep theirs.
+TEST(EncoderLoop, what_is_asked_for_off_the_beat_is_left_out_and_the_beat_goes_on) {
+    constexpr std::int64_t kTenth_ns = 1'000'000, kPeriod_ns = 10 * kTenth_ns;
+    for (const std::int64_t asked_ns : {3, 8, 12, 40, 85, 88}) {  // tenths of a millisecond after a report
+        EncoderBehindLoop behind;
+        behind.configure(0.01, 1e-4, 0.01);
+        const auto told = [&](std::int64_t time_ns) {
+            return behind.sample({1e-8 * static_cast<double>(time_ns), 10, time_ns});
+        };
+        for (std::int64_t n = 1; n < 8; ++n) {
+            const EncoderSample regular = told(n * kPeriod_ns);
+            LONGS_EQUAL(n * kPeriod_ns - kPeriod_ns / 2, regular.time_ns);
+            if (n > 1) DOUBLES_EQUAL(1e-8 * static_cast<double>(regular.time_ns), regular.position_rad, 1e-9);
+            LONGS_EQUAL(regular.time_ns, told(n * kPeriod_ns + asked_ns * kTenth_ns / 10).time_ns);
+        }
+        // One as near as others make it wait is a regular one.
+        const std::int64_t late_ns = 8 * kPeriod_ns + kTenth_ns - 1;
+        LONGS_EQUAL(late_ns - kPeriod_ns / 2, told(late_ns).time_ns);
+        // A drive that has another beat, as after it was switched on, is followed after two periods and a
+        // half.
+        const std::int64_t anew_ns = late_ns + 4 * kTenth_ns;
+        LONGS_EQUAL(late_ns - kPeriod_ns / 2, told(anew_ns + kPeriod_ns).time_ns);
+        LONGS_EQUAL(anew_ns + 2 * kPeriod_ns + kTenth_ns - kPeriod_ns / 2,
+                    told(anew_ns + 2 * kPeriod_ns + kTenth_ns).time_ns);
+    }
+}
+
 // Position and speed are of one loop: as far as two of its periods, a third of the time and a tenth of the
 // lag for what the speed has gained, and a digit go.
 TEST(EncoderLoop, a_speed_that_is_not_the_positions_own_undoes_nothing) {

@@ -223,6 +223,61 @@ TEST(WheelObserver, AFrameSoLateThatItCountsForTheNextSpoilsNoAngleLater) {
     CHECK(worst_rad < 1.5e-3 * kSpeed_rad_per_s);
 }
 
+// Reports that come 33 ms late, then the true ones beside the last of the late ones: each late one would be
+// corrected for seven times, and a filter that went astray has to come back by what the encoders tell.
+TEST(WheelObserver, SamplesThatComeTooLateLeadNobodyAstray) {
+    auto parameters = bench::notes_robot();
+    parameters.drive.encoder_period_ms = 5;
+    const PlantModel<double> model = plant_model<double>(parameters);
+    for (const std::int64_t late_ms : {22, 33, 60}) {
+        WheelObserver<double> observer;
+        observer.configure(wheel_observer_settings<double>(parameters, 1e-3));
+        constexpr double kSpeed = 12;
+        const auto at = [](std::int64_t ms) {
+            return EncoderSample{kSpeed * 1e-3 * static_cast<double>(ms), kSpeed, 1'000'000 * (100 + ms)};
+        };
+        double fastest = 0, slowest = kSpeed;
+        for (std::int64_t ms = 1; ms < 1000; ++ms) {
+            observer.torque_sent({0, 0});
+            const bool late = ms >= 300 && ms < 600;
+            const EncoderSample sample = at((ms - (late ? late_ms : 0)) / 5 * 5);
+            observer.update(1'000'000 * (100 + ms), sample, sample, model);
+            const double speed = observer.motion().wheel_speed_rad_per_s.left;
+            if (ms > 200) fastest = std::max(fastest, speed);
+            if (ms > 200) slowest = std::min(slowest, speed);
+            if (ms >= 330 && ms < 600) {
+                CHECK(1'000'000 * (100 + ms) - observer.taken_ns()[0] >= 30'000'000);  // told by its age
+            }
+        }
+        CHECK_TEXT(fastest < 1.1 * kSpeed, std::to_string(fastest).c_str());
+        CHECK_TEXT(slowest > 0.5 * kSpeed, std::to_string(slowest).c_str());
+        DOUBLES_EQUAL(kSpeed, observer.motion().wheel_speed_rad_per_s.left, 0.1);
+        DOUBLES_EQUAL(kSpeed * 0.999, observer.motion().wheel_angle_rad.left, 0.1);
+    }
+}
+
+// However a filter went wrong, as by torques that nobody sent: samples that agree with each other and not
+// with it begin its speed anew, and its angle with it.
+TEST(WheelObserver, AFilterThatWentAstrayBeginsAtTheSampleNotAtItsOwnAngle) {
+    const auto parameters = bench::notes_robot();
+    const PlantModel<double> model = plant_model<double>(parameters);
+    for (const double torque_Nm : {1e6, 1e200, 1e307}) {
+        WheelObserver<double> observer;
+        observer.configure(wheel_observer_settings<double>(parameters, 1e-3));
+        std::int64_t astray_until_ms = 0;
+        for (std::int64_t ms = 1; ms < 400; ++ms) {
+            const double sent = ms >= 100 && ms < 110 ? torque_Nm : 0;
+            observer.torque_sent({sent, sent});
+            const EncoderSample sample{40, 0, 1'000'000 * ms};  // it stands
+            observer.update(1'000'000 * ms, sample, sample, model);
+            if (std::abs(observer.motion().wheel_speed_rad_per_s.left) > 0.01) astray_until_ms = ms;
+        }
+        CHECK(astray_until_ms < 110 + 2 * WheelObserver<double>::kNewOriginSamples);
+        DOUBLES_EQUAL(0, observer.motion().wheel_speed_rad_per_s.left, 0.01);
+        DOUBLES_EQUAL(40, observer.motion().wheel_angle_rad.left, 0.01);
+    }
+}
+
 // Any new origin but one that is nearer than a step of this encoder and what the fastest wheel turns in a
 // period: that one is read as a motion.
 TEST(WheelObserver, ADrivesNewOriginIsNoMotion) {

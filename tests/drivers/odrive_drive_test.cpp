@@ -630,7 +630,7 @@ TEST(OdriveFaults, a_heartbeat_that_stops_is_a_fault_at_its_time_out) {
     b.check_sent({});  // its watchdog does the rest; frames would feed it
     b.heartbeat(8);    // back, and still running
     b.cycle();
-    b.check_sent({frame(0x067, {1, 0, 0, 0})});
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
     CHECK(b.drive.state() == DriveState::fault);
 }
 
@@ -714,13 +714,38 @@ TEST(OdriveFaults, an_idle_drive_that_has_been_away_is_told_to_be_idle_at_once) 
     b.encoder(0, 0);
     b.cycle();
     b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
-    b.encoder(0, 0);
-    b.cycles(20);
+    for (int i = 0; i < 20; ++i) {
+        b.encoder(0, 0);
+        b.cycle();
+    }
     b.check_sent({});
     b.heartbeat(1);
     b.cycle();
     CHECK(b.drive.state() == DriveState::idle);
     b.check_sent({});
+}
+
+TEST(OdriveFaults, a_drive_that_is_back_is_heard_by_its_first_report_whatever_that_is) {
+    OdriveConfig seldom = config(OdriveGeneration::v0_6);
+    seldom.encoder_period_s = 0.01;
+    Bench b(seldom);
+    b.heartbeat(1);
+    for (int i = 0; i < 5; ++i) {
+        b.encoder(0.5F, 0);
+        b.cycles(10);
+    }
+    b.receive(0x07C, {0, 0, 0, 0, 0, 0, 0, 0});
+    b.cycles(9);  // 19 ms after the last encoder frame
+    b.receive(0x07C, {0, 0, 0, 0, 0, 0, 0, 0});
+    b.cycles(2);
+    b.check_sent({});
+    b.receive(0x07C, {0, 0, 0, 0, 0, 0, 0, 0});
+    b.cycle();
+    b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+    b.receive(0x07C, {0, 0, 0, 0, 0, 0, 0, 0});
+    b.encoder(0.5F, 0);
+    b.cycle();
+    b.check_sent({});  // told once
 }
 
 TEST(OdriveFaults, who_arms_a_drive_again_and_again_is_answered_by_estop) {

@@ -60,8 +60,9 @@ double jam(const Scene& s) {
     const bool ends_first = s.amount < watchdogs(s);
     return ends_first ? s.amount + kWaiting_s + 2 * kCycle_s + way(s) : watchdogs(s);
 }
-double implausible(const Scene&) { return 0.1; }
-constexpr std::string_view kImplausible = "100 ms from where a wheel is 1.5/64 of a turn from what is told";
+double implausible(const Scene& s) { return s.setup().believed_lie_s(); }
+constexpr std::string_view kImplausible =
+    "100 ms, or 20 reports, from where a wheel is 1.5/64 of a turn from what is told";
 double ramp(const Scene& s) {
     return 2 * control::braking_time_s(s.setup().believed) + 0.5 + 2 * kCycle_s + way(s);
 }

@@ -2,6 +2,7 @@
 // seed gives the same bytes.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <functional>
@@ -27,6 +28,8 @@ struct SceneSetup {
     double way = 1;        // 1 or -1
     model::RobotParameters believed, truth;
     task::SimulationParameters simulation;
+    // The bound for a lying encoder: a lie shows in what is reported after it, in twenty reports at most.
+    double believed_lie_s() const { return std::max(0.1, 20e-3 * believed.drive.encoder_period_ms); }
     std::string text() const;  // "velocity, host bus, 0.5, drawn, left"
 };
 // `report_period_ms`: of the drives' encoder frames, 1 to 10.

@@ -20,8 +20,6 @@ constexpr double kLatestLie_s = 8;  // From::lie: an identification's next pushe
 constexpr double kCycle_s = task::kCyclePeriod_s;
 // From then on the torque must be gone where the firmware says that nobody drives.
 constexpr double kGrace_s = 2 * kCycle_s;
-// A lie is believed for so long at most, by the bound for encoders; the robot may become so much quicker.
-constexpr double kBelieved_s = 0.1;
 // No encoder is farther from the truth than this: a step of the coarsest, and where in a step it began.
 constexpr double kCoarse_rad = kMostUnseen_rad;
 // Noise of set-points and observers.
@@ -118,7 +116,7 @@ class Judge final : public sim::BusTap {
         const double omega = std::abs(world.twist().omega_rad_per_s);
         if (!(std::isfinite(torque_Nm) && std::isfinite(v) && std::isfinite(omega)))
             violate("no number", "the true state");
-        const double gain = 2 * p.limits.torque_Nm * kBelieved_s;
+        const double gain = 2 * p.limits.torque_Nm * scene_.setup().believed_lie_s();
         // A robot that coasts is nobody's: with its mass behind the axle it swings round by itself.
         if (torque_Nm > 0 &&
             !(v <= p.safety.over_speed_m_per_s * (1 + kRoom) + gain * p.dynamics.k7_per_kg_m))
@@ -421,7 +419,7 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
         if (!result.stopped && kind.expect != Expect::stops && untouched.setup.mode != Mode::ident &&
             result.deviation_m > kind.deviation_m)
             judge.violate("off its way", text("%.3f m", result.deviation_m));
-        const double gain = 2 * untouched.setup.believed.limits.torque_Nm * kBelieved_s;
+        const double gain = 2 * untouched.setup.believed.limits.torque_Nm * untouched.setup.believed_lie_s();
         const auto& k = untouched.setup.believed.dynamics;
         const double most =
             gain * (k.k7_per_kg_m + k.k8_per_kg_m2 * untouched.setup.believed.geometry.track_m / 2) +
