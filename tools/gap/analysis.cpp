@@ -135,7 +135,8 @@ std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const 
     if (const auto effect = no_better_in_free_run(last.search, pointers(last.train), training,
                                                   last.dictionary.setting(), evaluations.turning()))
         return Denied{*effect, "the simulated robot drives no closer to the logs with it"};
-    if (const auto effect = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last)))
+    if (const auto effect = unsure_by_misfit(last.search, last.dictionary.setting(), last.train, last.colour,
+                                             shapes_of_friction(last)))
         return Denied{*effect, "how much of it there is depends on how the rows are weighed"};
     return std::nullopt;
 }

@@ -77,6 +77,13 @@ std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t
                         setting, blocks);
 }
 
+double probability_of_none(const Candidate& candidate, const Eigen::VectorXd& amounts,
+                           const Eigen::MatrixXd& covariance, double degrees, const Setting& setting) {
+    const double either = wald_probability(amounts, covariance, degrees);
+    if (amounts.size() > 1 || may_be_negative(candidate, setting)) return either;
+    return amounts(0) > 0 ? either / 2 : 1 - either / 2;
+}
+
 bool apart(const Fit& f, Eigen::Index at) {
     return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(difference_variance(f, at));
 }
@@ -339,7 +346,8 @@ double Evidence::probability_of_last(const Sample& sample, const Members& member
     const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
     const auto n = static_cast<Eigen::Index>(last.amounts.size());
     const double degrees = std::max(1.0, double(sample.size()) - 4 - double(n));
-    return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
+    return probability_of_none(last, f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees,
+                               options_.dictionary->setting());
 }
 
 std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members& members,

@@ -31,6 +31,10 @@ void note_point(const Members& members, std::size_t member, const Fit& fit, cons
 // Of the torque, that the torque of the members' last is to be.
 double least_share(const Members& members, const Candidate& candidate);
 
+// That a candidate of these amounts is not there. One that may not be less than nothing has one side.
+double probability_of_none(const Candidate& candidate, const Eigen::VectorXd& amounts,
+                           const Eigen::MatrixXd& covariance, double degrees, const Setting& setting);
+
 // The amounts at `at` and behind it differ by more than chance; the variance of their difference.
 bool apart(const Fit& fit, Eigen::Index at);
 double difference_variance(const Fit& fit, Eigen::Index at);
