@@ -108,9 +108,10 @@ Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, con
 }
 
 std::optional<std::size_t> unsure_by_misfit(const Search& found, const Setting& setting, const BlockSet& set,
-                                            const Colour& colour, std::span<const int> shapes) {
+                                            const Colour& colour, std::span<const int> shapes,
+                                            std::span<const std::size_t> doubted) {
     constexpr double kMost = kPolicy.false_alarm / double(model::kEffectCount);
-    double most = kMost;
+    double most = 0;
     std::optional<std::size_t> least_sure;
     Eigen::Index at = kFirstAmount + 1;  // after the timing
     for (std::size_t i = 0; i < found.members.size(); ++i) {
@@ -139,7 +140,9 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const Setting& 
             return other.value.segment(first, n).dot(usual.value.segment(first, n)) > 0 &&
                    probability_of(other, other.covariance) <= kMost;
         });
-        if (in_all || !(probability > most)) continue;
+        const bool sure = !(probability > kMost);
+        const bool is_doubted = std::find(doubted.begin(), doubted.end(), candidate.effect) != doubted.end();
+        if ((is_doubted ? sure && in_all : sure || in_all) || probability < most) continue;
         most = probability;
         least_sure = candidate.effect;
     }
