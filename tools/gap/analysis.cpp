@@ -132,10 +132,13 @@ std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const 
     const Evaluation& last = evaluations.last();
     if (const auto denied = stands_for_a_denied_one(last.search, evaluations.known().rivals_only))
         return denied;
-    if (const auto effect = no_better_in_free_run(last.search, pointers(last.train), training,
-                                                  last.dictionary.setting(), evaluations.turning()))
-        return Denied{*effect, "the simulated robot drives no closer to the logs with it"};
-    if (const auto effect = unsure_by_misfit(last.search, last.train, last.colour, shapes_of_friction(last)))
+    const Setting& setting = last.dictionary.setting();
+    const FreeRunsSay say =
+        by_free_runs(last.search, pointers(last.train), training, setting, evaluations.turning());
+    if (say.no_better)
+        return Denied{*say.no_better, "the simulated robot drives no closer to the logs with it"};
+    if (const auto effect = unsure_by_misfit(last.search, setting, last.train, last.colour,
+                                             shapes_of_friction(last), say.unsure))
         return Denied{*effect, "how much of it there is depends on how the rows are weighed"};
     return std::nullopt;
 }

@@ -22,12 +22,26 @@ constexpr double kUnexcited = 1e-4;
 constexpr double kCloser = 0.98;
 // Blocks that models are compared on, at least: fewer would have to agree in all their ranks.
 constexpr std::size_t kFewestParting = 8;
+// Squares by which they are apart in a block, over those where they are most, from which on it is one of
+// them.
+constexpr double kParting = 0.02;
 
 // Left and right of one kind, which are equal unless shown unequal: not those
 // that may have either sign, but where nothing turns.
 bool is_pair(std::size_t effect) {
     const auto& p = model::kEffects[effect].parameters;
     return p.size() == 2 && p[0].name.starts_with("left") && p[1].name.starts_with("right");
+}
+
+// The blocks in which two models foretell something different, from the squares by which they are apart.
+std::vector<std::size_t> parting(const std::vector<double>& apart) {
+    std::vector<std::size_t> order(apart.size());
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return apart[i] > apart[j]; });
+    std::size_t some = std::min(kFewestParting, order.size());
+    while (some < order.size() && apart[order[some]] >= kParting * apart[order.front()]) ++some;
+    order.resize(some);
+    return order;
 }
 
 void add(const Block& block, Block& sum) {
@@ -63,12 +77,29 @@ std::vector<ParameterEstimate> parameters_in(const Members& members, std::size_t
                         setting, blocks);
 }
 
+double probability_of_none(const Candidate& candidate, const Eigen::VectorXd& amounts,
+                           const Eigen::MatrixXd& covariance, double degrees, const Setting& setting) {
+    const double either = wald_probability(amounts, covariance, degrees);
+    if (amounts.size() > 1 || may_be_negative(candidate, setting)) return either;
+    return amounts(0) > 0 ? either / 2 : 1 - either / 2;
+}
+
 bool apart(const Fit& f, Eigen::Index at) {
     return std::abs(f.value(at) - f.value(at + 1)) > kApart * std::sqrt(difference_variance(f, at));
 }
 
 double difference_variance(const Fit& f, Eigen::Index at) {
     return std::max(0.0, f.covariance(at, at) + f.covariance(at + 1, at + 1) - 2 * f.covariance(at, at + 1));
+}
+
+std::vector<double> agreement(const Sample& sample, const LeftOut& first, const LeftOut& second) {
+    std::vector<double> apart(sample.size());
+    for (std::size_t i = 0; i < apart.size(); ++i)
+        apart[i] = squares_apart(*sample.blocks[i], first.rest[i % kFolds], second.rest[i % kFolds]);
+    std::vector<double> agrees;
+    for (const std::size_t i : parting(apart))
+        agrees.push_back((first.squares[i] - second.squares[i] + apart[i]) / 2);
+    return agrees;
 }
 
 bool surely_less(const std::vector<double>& first, const std::vector<double>& second) {
@@ -193,14 +224,13 @@ Fit Evidence::fit_of_part(const Sample& part, const Members& members) const {
     return gap::fit({&part.whole}, shape_for_part(members), Spread::none);
 }
 
-std::vector<double> Evidence::squares_left_out(const Sample& sample, const Members& members) const {
-    std::vector<double> each(sample.size());
+LeftOut Evidence::left_out(const Sample& sample, const Members& members) const {
+    LeftOut made;
     const ModelShape shape = shape_for_part(members);
-    for (std::size_t fold = 0; fold < sample.rest.size(); ++fold) {
-        const Fit rest = gap::fit({&sample.rest[fold]}, shape, Spread::none);
-        for (std::size_t i = fold; i < each.size(); i += kFolds) each[i] = squares(*sample.blocks[i], rest);
-    }
-    return each;
+    for (const Block& rest : sample.rest) made.rest.push_back(gap::fit({&rest}, shape, Spread::none));
+    for (std::size_t i = 0; i < sample.size(); ++i)
+        made.squares.push_back(squares(*sample.blocks[i], made.rest[i % kFolds]));
+    return made;
 }
 
 double Evidence::cross_validated(const Sample& sample, const Members& members) const {
@@ -316,7 +346,8 @@ double Evidence::probability_of_last(const Sample& sample, const Members& member
     const Eigen::Index at = first_amount_of(tested, tested.size() - 1);
     const auto n = static_cast<Eigen::Index>(last.amounts.size());
     const double degrees = std::max(1.0, double(sample.size()) - 4 - double(n));
-    return wald_probability(f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees);
+    return probability_of_none(last, f.value.segment(at, n), f.covariance.block(at, at, n, n), degrees,
+                               options_.dictionary->setting());
 }
 
 std::optional<BestPoint> Evidence::best_point(std::size_t effect, const Members& members,
@@ -351,16 +382,12 @@ Compared Evidence::compared(const Compared& all, const Members& one, const Membe
     const Fit b = fit(all_, other, Spread::none);
     std::vector<double> apart(all_.size());
     for (std::size_t i = 0; i < apart.size(); ++i) apart[i] = squares_apart(*all_.blocks[i], a, b);
-    std::vector<std::size_t> order(apart.size());
-    std::iota(order.begin(), order.end(), std::size_t{0});
-    std::sort(order.begin(), order.end(), [&](std::size_t i, std::size_t j) { return apart[i] > apart[j]; });
-    Compared parting;
-    for (const std::size_t i : order) {
-        if (parting.one.size() >= kFewestParting && apart[i] < kActs * apart[order.front()]) break;
-        parting.one.push_back(all.one[i]);
-        parting.other.push_back(all.other[i]);
+    Compared there;
+    for (const std::size_t i : parting(apart)) {
+        there.one.push_back(all.one[i]);
+        there.other.push_back(all.other[i]);
     }
-    return parting;
+    return there;
 }
 
 bool Evidence::distinguishes(const Members& one, const Members& other) const {

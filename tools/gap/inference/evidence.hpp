@@ -16,8 +16,6 @@ namespace wheelwright::gap {
 
 // Likeness in a log above which no log like it separates two effects.
 inline constexpr double kConfounded = 0.999;
-// Share of the power that columns have in a block where they have most, below which they do not act there.
-inline constexpr double kActs = 0.02;
 
 // A fit with these in it as far as they come out as friction; one that drives is none.
 Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions);
@@ -32,6 +30,10 @@ void note_point(const Members& members, std::size_t member, const Fit& fit, cons
 
 // Of the torque, that the torque of the members' last is to be.
 double least_share(const Members& members, const Candidate& candidate);
+
+// That a candidate of these amounts is not there. One that may not be less than nothing has one side.
+double probability_of_none(const Candidate& candidate, const Eigen::VectorXd& amounts,
+                           const Eigen::MatrixXd& covariance, double degrees, const Setting& setting);
 
 // The amounts at `at` and behind it differ by more than chance; the variance of their difference.
 bool apart(const Fit& fit, Eigen::Index at);
@@ -57,6 +59,19 @@ struct Sample {
     Block whole;
     std::vector<Block> rest;  // without every kFolds-th from the first, the second, ... on
 };
+
+// Of blocks, each left out of the fit to the others of its Sample::rest: those fits, and each block's
+// squares.
+struct LeftOut {
+    std::vector<Fit> rest;
+    std::vector<double> squares;
+};
+
+// Of the blocks in which they foretell something different, how far what the second model foretells beside
+// the first agrees with what the first leaves there: the product of their rows. Of what is not there it is as
+// often less than nothing as more. The second errs less from twice as much on: that it foretells too much of
+// what is there, as few blocks may make it, would count against it.
+std::vector<double> agreement(const Sample& sample, const LeftOut& first, const LeftOut& second);
 
 // A candidate of an effect, and what a fit with it leaves of the blocks that it was fitted to. Left out of
 // the fit they can but leave more.
@@ -98,8 +113,11 @@ class Evidence {
     // part is to tell of effects only; so with K8.
     Fit fit_of_part(const Sample& part, const Members& members) const;
 
+    LeftOut left_out(const Sample& sample, const Members& members) const;
     // Squares of each block, left out of the fit; and their sum.
-    std::vector<double> squares_left_out(const Sample& sample, const Members& members) const;
+    std::vector<double> squares_left_out(const Sample& sample, const Members& members) const {
+        return left_out(sample, members).squares;
+    }
     double cross_validated(const Sample& sample, const Members& members) const;
     // What a model with free coefficients for everything smooth leaves, on blocks it was not fitted to.
     double reach(const Sample& sample, const Members& members) const;

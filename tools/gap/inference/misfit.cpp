@@ -9,7 +9,6 @@
 
 #include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
-#include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/model/products.hpp"
 
 namespace wheelwright::gap {
@@ -108,10 +107,11 @@ Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, con
     return covariance_of(others, usual);
 }
 
-std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
-                                            std::span<const int> shapes) {
+std::optional<std::size_t> unsure_by_misfit(const Search& found, const Setting& setting, const BlockSet& set,
+                                            const Colour& colour, std::span<const int> shapes,
+                                            std::span<const std::size_t> doubted) {
     constexpr double kMost = kPolicy.false_alarm / double(model::kEffectCount);
-    double most = kMost;
+    double most = 0;
     std::optional<std::size_t> least_sure;
     Eigen::Index at = kFirstAmount + 1;  // after the timing
     for (std::size_t i = 0; i < found.members.size(); ++i) {
@@ -130,7 +130,8 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
         const auto n = static_cast<Eigen::Index>(whole.size());
         const double degrees = std::max(1.0, double(set.blocks.size()) - 4 - double(n));
         const auto probability_of = [&](const Fit& f, const Eigen::MatrixXd& covariance) {
-            return wald_probability(f.value.segment(first, n), covariance.block(first, first, n, n), degrees);
+            return probability_of_none(candidate, f.value.segment(first, n),
+                                       covariance.block(first, first, n, n), degrees, setting);
         };
         const Fit usual = fit(pointers(set), shape);
         const std::vector<Fit> others = other_fits(set, colour, shape, shapes);
@@ -139,7 +140,9 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet&
             return other.value.segment(first, n).dot(usual.value.segment(first, n)) > 0 &&
                    probability_of(other, other.covariance) <= kMost;
         });
-        if (in_all || !(probability > most)) continue;
+        const bool sure = !(probability > kMost);
+        const bool is_doubted = std::find(doubted.begin(), doubted.end(), candidate.effect) != doubted.end();
+        if ((is_doubted ? sure && in_all : sure || in_all) || probability < most) continue;
         most = probability;
         least_sure = candidate.effect;
     }

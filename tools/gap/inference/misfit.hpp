@@ -22,9 +22,11 @@ Eigen::MatrixXd misfit_covariance(const BlockSet& set, const Colour& colour, con
                                   std::span<const int> shapes, std::span<const Amount> frictions);
 
 // A member of `found` that is not sure any more, over the catalogue, with that, nor sure in each of the other
-// estimates by itself: how much of it there seems to be hangs on how the rows are weighed. The least sure
-// one. Not the usual friction, nor what comes late.
-std::optional<std::size_t> unsure_by_misfit(const Search& found, const BlockSet& set, const Colour& colour,
-                                            std::span<const int> shapes);
+// estimates by itself: how much of it there seems to be hangs on how the rows are weighed. One that is
+// `doubted` for another reason must be sure in both ways. The least sure one. Not the usual friction, nor
+// what comes late.
+std::optional<std::size_t> unsure_by_misfit(const Search& found, const Setting& setting, const BlockSet& set,
+                                            const Colour& colour, std::span<const int> shapes,
+                                            std::span<const std::size_t> doubted);
 
 }  // namespace wheelwright::gap

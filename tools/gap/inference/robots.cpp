@@ -5,11 +5,13 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <numeric>
 #include <optional>
 
 #include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/outcome.hpp"
+#include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/model/output_error.hpp"
 
 namespace wheelwright::gap {
@@ -18,6 +20,10 @@ namespace {
 constexpr double kShot_s = 5;
 constexpr double kSmall = 0.02;                             // of the speeds
 constexpr Eigen::Index kFirstOfMembers = kFirstAmount + 1;  // after the timing
+
+double mean_of(const std::vector<double>& values) {
+    return std::accumulate(values.begin(), values.end(), 0.0) / double(values.size());
+}
 
 double straight_k8_per_kg_m2(double k7_per_kg_m, double track_m) { return 4 * k7_per_kg_m / track_m; }
 
@@ -92,9 +98,8 @@ Search refined(const Search& search, std::span<const LogPart> parts, const Setti
     return result;
 }
 
-std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
-                                                 std::span<const LogPart> parts, const Setting& setting,
-                                                 bool turning) {
+FreeRunsSay by_free_runs(const Search& search, const Blocks& train, std::span<const LogPart> parts,
+                         const Setting& setting, bool turning) {
     constexpr double kFreeStep_s = 0.001;
     constexpr double kFreeShot_s = 2;  // in a longer one the wheels' angles stray, by which a ripple counts
     const std::vector<Stretch> shots = stretches(parts, kFreeShot_s, setting.geometry);
@@ -102,7 +107,7 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
     // others do, whatever the model, and must not outvote them.
     const auto missed = [&](const Members& members, const Fit& fit) {
         const SimulatedRobot robot = robot_of(members, fit, setting, turning);
-        double sum = 0;
+        std::vector<double> each;
         for (const Stretch& shot : shots) {
             // Without the mean: a memory is empty where a shot begins, and the measured start is noisy, and
             // speeds may keep that.
@@ -116,12 +121,14 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
                     ++samples;
                 },
                 kFreeStep_s);
-            sum += std::log(std::max(std::numeric_limits<double>::min(),
-                                     squares - (mean.left * mean.left + mean.right * mean.right) / samples));
+            each.push_back(
+                std::log(std::max(std::numeric_limits<double>::min(),
+                                  squares - (mean.left * mean.left + mean.right * mean.right) / samples)));
         }
-        return sum / double(shots.size());
+        return each;
     };
-    std::optional<double> with_all;
+    FreeRunsSay say;
+    std::vector<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
         if (hypothesis_of(search.members[i].effect).in_every_drive_train ||
             search.is_shown(search.members[i].effect))
@@ -132,13 +139,19 @@ std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blo
             if (!contains(fewer, candidate.effect)) fewer.push_back(candidate);
         }
         const bool instead = fewer.size() >= search.members.size();
-        if (!with_all) with_all = missed(search.members, search.after);
-        const double without_it = missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
-        // one that runs away is no number; friction in its place is likelier, unless it does better
-        if (std::isfinite(without_it) && !(*with_all < without_it + (instead ? 0 : kPolicy.better_by)))
-            return search.members[i].effect;
+        if (with_all.empty()) with_all = missed(search.members, search.after);
+        std::vector<double> closer = missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
+        const double without_it = mean_of(closer);
+        if (!std::isfinite(without_it)) continue;  // one that runs away is no number
+        // friction in its place is likelier, unless it does better
+        if (!(mean_of(with_all) < without_it + (instead ? 0 : kPolicy.better_by))) {
+            say.no_better = search.members[i].effect;
+            break;
+        }
+        for (std::size_t s = 0; s < closer.size(); ++s) closer[s] -= with_all[s];
+        if (signed_rank_probability(closer) > kPolicy.kept) say.unsure.push_back(search.members[i].effect);
     }
-    return std::nullopt;
+    return say;
 }
 
 Fit nominal_fit(const Search& search, const model::RobotParameters& robot) {

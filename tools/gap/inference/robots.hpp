@@ -30,11 +30,17 @@ std::vector<Candidate> base_members(const Search& search);
 Search refined(const Search& search, std::span<const LogPart> parts, const Setting& setting, bool turning,
                double speed_rms_rad_per_s);
 
-// An effect that was found, is no friction that every drive train may have, and without which the simulated
-// robot drives as close to the logs it was found in; none: there is none. `train`: what the search worked on.
-std::optional<std::size_t> no_better_in_free_run(const Search& search, const Blocks& train,
-                                                 std::span<const LogPart> parts, const Setting& setting,
-                                                 bool turning);
+// What free runs of 2 s over the logs that it was found in say of what was found, less the friction that
+// every drive train may have and what is shown.
+struct FreeRunsSay {
+    // An effect without which the simulated robot drives as close to the logs; none: there is none.
+    std::optional<std::size_t> no_better;
+    // Those by which it may get closer by chance: not by the ranks of the runs.
+    std::vector<std::size_t> unsure;
+};
+// `train`: what the search worked on.
+FreeRunsSay by_free_runs(const Search& search, const Blocks& train, std::span<const LogPart> parts,
+                         const Setting& setting, bool turning);
 
 // The robot file's own numbers in the place of the base's.
 Fit nominal_fit(const Search& search, const model::RobotParameters& robot);

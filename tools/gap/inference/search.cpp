@@ -15,9 +15,6 @@ namespace wheelwright::gap {
 namespace {
 
 constexpr std::size_t kMostEffects = 4;
-// Blocks in which an effect acts: fewer are no reason to leave the others out.
-constexpr std::size_t kFewestActing = 5;
-
 class Searcher {
   public:
     Searcher(const BlockSet& train, const SearchOptions& options)
@@ -100,36 +97,14 @@ class Searcher {
         bool confirmed = false, of_interest = false, in_range = false;
     };
 
-    // The blocks' gains without those in which an effect hardly acts: scrub while the robot goes straight.
-    static std::vector<double> where_it_acts(const std::vector<double>& gain, const Blocks& blocks,
-                                             const Candidate& candidate) {
-        std::vector<double> power(blocks.size());
-        for (const Amount& amount : directions(candidate)) {
-            for (const int a : amount.columns) {
-                for (const int b : amount.columns) {
-                    for (std::size_t i = 0; i < blocks.size(); ++i) {
-                        power[i] += blocks[i]->product[kLinear](a, b) + blocks[i]->product[kTurning](a, b);
-                    }
-                }
-            }
-        }
-        const double most = *std::max_element(power.begin(), power.end());
-        std::vector<double> acting;
-        for (std::size_t i = 0; i < gain.size(); ++i) {
-            if (power[i] >= kActs * most) acting.push_back(gain[i]);
-        }
-        return acting;
-    }
-
     // What a trial is held against: the model without it, on the blocks that select.
     struct Without {
         Members members;
-        std::vector<double> squares;  // of each block, left out
+        LeftOut left_out;
         Fit fit;
     };
     Without fitted_without(const Members& members) const {
-        return {members, evidence_.squares_left_out(select_, members),
-                evidence_.fit_of_part(select_, members)};
+        return {members, evidence_.left_out(select_, members), evidence_.fit_of_part(select_, members)};
     }
 
     Trial attempt(std::size_t effect, const Without& bare) const {
@@ -148,17 +123,12 @@ class Searcher {
             t.candidate = candidate;
             const Members more = with(bare.members, candidate);
             const std::size_t last = more.size() - 1;
-            std::vector<double> gain = bare.squares;
-            const std::vector<double> after = evidence_.squares_left_out(select_, more);
-            for (std::size_t i = 0; i < gain.size(); ++i) gain[i] -= after[i];
-            t.gain = std::accumulate(gain.begin(), gain.end(), 0.0);
-            const std::vector<double> acting = where_it_acts(gain, select_.blocks, candidate);
-            t.rank_probability = signed_rank_probability(gain);
-            t.rank_blocks = gain.size();
-            if (acting.size() >= kFewestActing && signed_rank_probability(acting) < t.rank_probability) {
-                t.rank_probability = signed_rank_probability(acting);
-                t.rank_blocks = acting.size();
-            }
+            const LeftOut left_out = evidence_.left_out(select_, more);
+            for (std::size_t i = 0; i < select_.size(); ++i)
+                t.gain += bare.left_out.squares[i] - left_out.squares[i];
+            const std::vector<double> agrees = agreement(select_, bare.left_out, left_out);
+            t.rank_probability = signed_rank_probability(agrees);
+            t.rank_blocks = agrees.size();
             const Fit selected = evidence_.fit_of_part(select_, more);
             if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
             t.in_range = evidence_.in_range(select_, more, selected);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
+
 namespace wheelwright::gap {
 
 Members with(Members members, const Candidate& candidate) {
@@ -71,6 +73,16 @@ Candidate same_candidate(const Dictionary& dictionary, const Candidate& candidat
 std::vector<Amount> directions(const Candidate& candidate) {
     if (candidate.fixed.empty()) return candidate.amounts;
     return {{candidate.fixed}};
+}
+
+bool may_be_negative(const Candidate& candidate, const Setting& setting) {
+    if (candidate.kind != Candidate::Kind::linear) {
+        const StartingPoints from = hypothesis_of(candidate.effect).starting_points(setting);
+        return from.plausible(
+            Eigen::VectorXd::Constant(static_cast<Eigen::Index>(from.units(candidate.at).size()), -1));
+    }
+    return !model::kLinearInParameters[candidate.effect] ||
+           model::kEffects[candidate.effect].parameters[candidate.coordinate.front()].minimum < 0;
 }
 
 std::size_t unknowns(const Candidate& candidate) {
