@@ -303,16 +303,9 @@ bool OdriveDrive::accept(const hal::ReceivedFrame& received) {
         default:
             return true;
     }
-    look_for_return(received.timestamp_ns);
+    // At its first report, whatever that tells.
+    if (received.timestamp_ns > gone_after_ns_) take_return(false);
     return true;
-}
-
-// At its first report, whatever that tells.
-void OdriveDrive::look_for_return(std::int64_t time_ns) {
-    if (returned_ || feedback_.encoder_time_ns == 0 || time_ns - feedback_.encoder_time_ns <= away_ns_)
-        return;
-    returned_ = true;
-    take_return(false);
 }
 
 // A motor without a thermistor is told as no number.
@@ -337,10 +330,9 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
         const double since_s = 1e-9 * static_cast<double>(time_ns - feedback_.encoder_time_ns);
         const bool anew = begins_anew(position_rev, speed_rev_per_s, time_ns);
         if (anew) origin_rev_ += before + speed_rev_per_s_ * since_s - position_rev;
-        if (anew) take_return(true);
-        look_for_return(time_ns);
-        returned_ = false;
+        if (anew || time_ns > gone_after_ns_) take_return(anew);
     }
+    gone_after_ns_ = time_ns + away_ns_;
     position_rev_ = position_rev;
     speed_rev_per_s_ = speed_rev_per_s;
     if (std::abs(position_rev) > kLargestPosition_rev &&
@@ -378,6 +370,7 @@ bool OdriveDrive::begins_anew(double position_rev, double speed_rev_per_s, std::
 }
 
 void OdriveDrive::take_return(bool anew) {
+    gone_after_ns_ = kNever_ns;
     if (phase_ == Phase::resting) {
         to_idle_ = true;
         idle_sent_ = false;

@@ -52,6 +52,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 #include "drivers/motor_drive.hpp"
 #include "firmware/model/robot_parameters.hpp"
@@ -175,7 +176,6 @@ class OdriveDrive final : public MotorDrive {
     void take_temperatures(const hal::CanFrame& frame, std::int64_t time_ns);
     bool begins_anew(double position_rev, double speed_rev_per_s, std::int64_t time_ns) const;
     void take_return(bool anew);
-    void look_for_return(std::int64_t time_ns);
     void take_position(double position_rev, double speed_rev_per_s, std::int64_t time_ns);
     void count_anew(FrameSink& out);
     void take_foreign(const hal::CanFrame& frame, std::int64_t time_ns);
@@ -209,6 +209,9 @@ class OdriveDrive final : public MotorDrive {
     std::int64_t arming_timeout_ns_;
     std::int64_t away_ns_;  // without an encoder frame
 
+    static constexpr std::int64_t kNever_ns = std::numeric_limits<std::int64_t>::max();
+    std::int64_t gone_after_ns_ = kNever_ns;  // where no encoder frame comes
+
     DriveFeedback feedback_;
     DriveCounters counters_;
 
@@ -220,7 +223,6 @@ class OdriveDrive final : public MotorDrive {
     std::int64_t last_far_ns_ = 0;
     int far_frames_ = 0;
     int told_to_count_anew_ = 0;
-    bool returned_ = false;  // from the gap in the encoder frames that is
     std::int64_t told_to_count_anew_ns_ = 0;
 
     std::int64_t now_ns_ = 0;

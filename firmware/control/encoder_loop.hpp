@@ -16,6 +16,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <cstdlib>
 
 namespace wheelwright::control {
 
@@ -161,6 +162,7 @@ class EncoderBehindLoop {
         report_period_s_ = report_period_s;
         loop_period_s_ = loop_period_s;
         half_period_ns_ = std::llround(1e9 * report_period_s / 2);
+        most_off_beat_ns_ = std::llround(1e9 * std::max(kWaits_s, kOffBeat * report_period_s));
         off_s2_ = lag_s > kQuickLoop * loop_period_s ? lag_s * (lag_s - 2 * loop_period_s) : 0;
         ahead_s_ = 2 * lag_s - loop_period_s / 2;
     }
@@ -175,9 +177,14 @@ class EncoderBehindLoop {
   private:
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
         if (reported.time_ns == last_.time_ns || reported.time_ns == 0) return angle_;
-        const bool follows = last_.time_ns > 0 && reported.time_ns > last_.time_ns;
-        if (follows && asked_for(reported.time_ns)) return angle_;
-        const double reports = std::round(seconds_between(last_, reported) / report_period_s_);
+        const std::int64_t since_ns = reported.time_ns - last_.time_ns;
+        const std::int64_t periods = (since_ns + half_period_ns_) / (2 * half_period_ns_);
+        // One off the others' beat someone has asked for; not where none has come in the beat for long.
+        const bool off_beat =
+            periods == 0 || std::abs(since_ns - 2 * half_period_ns_ * periods) > most_off_beat_ns_;
+        if (last_.time_ns > 0 && since_ns > 0 && off_beat && since_ns < kNewBeat * half_period_ns_)
+            return angle_;
+        const auto reports = static_cast<double>(periods);
         double half_way_rad = 0;
         off_rad_ = 0;
         if (last_.time_ns > 0 && reports >= 1 && reports <= kMostReports) {
@@ -204,14 +211,6 @@ class EncoderBehindLoop {
                   reported.time_ns - half_period_ns_};
         return angle_;
     }
-    // One off the others' beat someone has asked for; not where none has come in the beat for long.
-    bool asked_for(std::int64_t time_ns) const {
-        const double since_s = 1e-9 * static_cast<double>(time_ns - last_.time_ns);
-        const double beats = std::round(since_s / report_period_s_);
-        const double off_s = std::abs(since_s - beats * report_period_s_);
-        return since_s < kNewBeat * report_period_s_ &&
-               (beats == 0 || off_s > std::max(kWaits_s, kOffBeat * report_period_s_));
-    }
     // Position and speed are of one loop: but for a period of it at either end, the curve of the speed
     // between the reports, a twentieth of the lag, and a float's last digit after a thousand turns.
     bool agree(double by_speed_rad, double speed, double gained, double passed_s) const {
@@ -224,11 +223,11 @@ class EncoderBehindLoop {
     static constexpr double kQuickLoop = 4;   // of its periods
     static constexpr double kWaits_s = 5e-4;  // a frame for others, at most
     static constexpr double kOffBeat = 0.1;   // of a period: what a drive's clock and its tasks are late
-    static constexpr double kNewBeat = 2.5;   // periods
+    static constexpr int kNewBeat = 5;        // half periods
     static constexpr double kMostReports = 4;
     static constexpr int kNotByChance = 3;  // reports in a row
     double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;
-    std::int64_t half_period_ns_ = 0;
+    std::int64_t half_period_ns_ = 0, most_off_beat_ns_ = 0;
     EncoderSample last_, angle_;
     double off_rad_ = 0;
     int agreed_ = kNotByChance;

@@ -86,6 +86,7 @@ class WheelObserver {
         gains_ = observer_gains(settings.bandwidth_rad_per_s, settings.encoder_period_s);
         period_ns_ = std::max<std::int64_t>(
             static_cast<std::int64_t>(std::lround(settings.encoder_period_s * Real(1e9))), 1);
+        restart_after_ns_ = static_cast<std::int64_t>(std::lround(settings.restart_after_s * Real(1e9)));
         const Real cycles = settings.actuation_delay_s / settings.cycle_s;
         const Real whole = std::min(std::floor(cycles), Real(kTorqueMemory - 3));
         delay_cycles_ = static_cast<std::size_t>(std::max(whole, Real(0)));
@@ -352,7 +353,7 @@ class WheelObserver {
         // A wheel that is faster than the filter thinks: begin anew with its speed.
         if (!(std::abs(slope - wheel.speed) * dt <= reach(dt))) {
             wheel.speed = slope;
-            wheel.began_anew = true;
+            wheel.lost = wheel.began_anew = true;
         }
         if (wheel.trusted < int(kSampleMemory)) {  // the first ones were the strange ones
             wheel.origin = 0;
@@ -367,12 +368,12 @@ class WheelObserver {
     }
 
     void take(Wheel& wheel, const EncoderSample& sample, std::int64_t now_ns, Real acceleration) {
-        if (sample.time_ns == 0 || sample.time_ns <= wheel.heard_ns ||
-            seconds(now_ns - sample.time_ns) > settings_.restart_after_s || !trust(wheel, sample))
+        if (sample.time_ns <= wheel.heard_ns || now_ns - sample.time_ns > restart_after_ns_ ||
+            !trust(wheel, sample))
             return;
         const double position_rad = sample.position_rad + wheel.origin;
-        const bool restart = !wheel.heard || wheel.lost ||
-                             seconds(sample.time_ns - wheel.heard_ns) > settings_.restart_after_s;
+        const bool restart =
+            !wheel.heard || wheel.lost || sample.time_ns - wheel.heard_ns > restart_after_ns_;
         smooth_time(wheel, sample.time_ns, restart);
         wheel.newest = (wheel.newest + 1) % kSampleMemory;
         wheel.samples[wheel.newest] = {wheel.smoothed_ns, position_rad};
@@ -380,9 +381,8 @@ class WheelObserver {
         wheel.count = std::min(wheel.count + 1, kSampleMemory);
         if (restart) {
             const Real speed = Real(sample.speed_rad_per_s);
-            wheel.speed = std::abs(speed) <= 2 * settings_.fastest_rad_per_s ? speed : Real(0);
-        }
-        if (restart || wheel.began_anew) {
+            if (!wheel.began_anew)
+                wheel.speed = std::abs(speed) <= 2 * settings_.fastest_rad_per_s ? speed : Real(0);
             wheel.heard = true;
             wheel.lost = wheel.began_anew = false;
             wheel.error = 0;
@@ -440,7 +440,7 @@ class WheelObserver {
 
     WheelObserverSettings<Real> settings_;
     ObserverGains<Real> gains_;
-    std::int64_t period_ns_ = 1'000'000;
+    std::int64_t period_ns_ = 1'000'000, restart_after_ns_ = 0;
     std::size_t delay_cycles_ = 0;
     Real delay_fraction_{};
     std::array<Wheel, 2> wheels_;
