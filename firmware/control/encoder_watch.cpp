@@ -8,7 +8,6 @@ namespace {
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);    // of what the torque brakes by, with friction
 constexpr Real kFrictionGrows = Real(1.5);  // when cold, or to break away; at most, and as much less
-constexpr int kHistory_cycles = 16, kHistoryReports = 4;  // at least
 constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
@@ -63,8 +62,13 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
             Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kObserverCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
             std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad),
-            from.drive.encoder_period_ms,
-            std::max(kHistoryReports, kHistory_cycles / static_cast<int>(from.drive.encoder_period_ms))};
+            from.drive.encoder_period_ms};
+}
+
+void EncoderWatch::configure(const EncoderWatchSettings& settings) {
+    constexpr int kHistory_cycles = 16, kFewestReports = 4;
+    settings_ = settings;
+    history_reports_ = std::max(kFewestReports, kHistory_cycles / settings.report_cycles);
 }
 
 void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
@@ -123,7 +127,7 @@ bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& n
     }
     wheel.told = told;
     wheel.unseen.frames = -1;
-    if (++wheel.history_age >= settings_.history_reports) {
+    if (++wheel.history_age >= history_reports_) {
         wheel.before = wheel.lately;
         wheel.lately = now;
         wheel.history_age = 0;
@@ -148,9 +152,8 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Re
     const bool level_floor = settings_.known_friction_Nm > 0;
     if (unseen.frames == 0) {  // the first cycle: how fast was it, at least and at most, before it stood?
         const Real changed =
-            level_floor
-                ? kBrakesShare * wheel.before.changed_rad_per_s
-                : brakes * Real((settings_.history_reports + wheel.history_age) * settings_.report_cycles);
+            level_floor ? kBrakesShare * wheel.before.changed_rad_per_s
+                        : brakes * Real((history_reports_ + wheel.history_age) * settings_.report_cycles);
         unseen.speed_rad_per_s = {before - changed, before + changed};
         unseen.from_rest = std::abs(before) <= changed;
         if (!level_floor) {

@@ -47,7 +47,6 @@ struct EncoderWatchSettings {
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
     Real unseen_from_rest_rad = Real(kMostUnseen_rad);  // that a wheel which stood may turn
     int report_cycles = 1;                              // from one report of an encoder to the next
-    int history_reports = 16;                           // after which a speed is a former one
 };
 
 // `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its
@@ -56,7 +55,7 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
 
 class EncoderWatch {
   public:
-    void configure(const EncoderWatchSettings& settings) { settings_ = settings; }
+    void configure(const EncoderWatchSettings& settings);
 
     // Nothing drives: forgets, the wheels may be anywhere.
     void rest(const std::array<EncoderAngle, 2>& told);
@@ -126,6 +125,7 @@ class EncoderWatch {
                                         const PlantModel<Real>& plant);
 
     EncoderWatchSettings settings_;
+    int history_reports_ = 0;  // after which a speed is a former one
     std::array<Wheel, 2> wheels_;
     WheelPair<Real> expected_rad_per_s_;
     std::array<Instant, kInstants> instants_;

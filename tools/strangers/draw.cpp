@@ -195,7 +195,7 @@ DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault)
     constexpr std::array<std::int64_t, 8> kReportPeriods_ms{1, 1, 1, 1, 1, 2, 5, 10};
     robot.report_period_ms =
         kReportPeriods_ms[static_cast<std::size_t>(draw.uniform(0, kReportPeriods_ms.size()))];
-    const double stale_s = std::max(0.01, 0.004 * static_cast<double>(robot.report_period_ms));
+    const double stale_s = stale_feedback_s(robot.report_period_ms);
 
     // ---- what the builder writes
     const std::int64_t torque_period_ms = robot.torque_feedback ? 10 : 0;

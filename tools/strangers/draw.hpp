@@ -3,6 +3,7 @@
 // template.toml; plant.toml is the truth. The same seed and number give the same two files.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <string>
@@ -48,5 +49,10 @@ struct DrawnRobot {
 
 // Throws std::runtime_error when the files would not be read by the firmware.
 DrawnRobot draw_robot(std::uint64_t seed, std::int64_t number, RobotFault fault = RobotFault::none);
+
+// safety.stale_feedback_s of drives that report each so many ms: two frames lost in a row are no silence.
+inline double stale_feedback_s(std::int64_t report_period_ms) {
+    return std::max(0.01, 0.004 * static_cast<double>(report_period_ms));
+}
 
 }  // namespace wheelwright::tools

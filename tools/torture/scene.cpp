@@ -1,6 +1,5 @@
 #include "tools/torture/scene.hpp"
 
-#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <numbers>
@@ -55,12 +54,10 @@ void identify(SceneSetup& setup, const model::Dynamics<double>& seen, double del
         0.5 * std::hypot(setup.simulation.encoder_noise_rad, step_rad / std::sqrt(12.0));
 }
 
-// The time-out of encoder frames follows from their period.
 void report_each(int period_ms, SceneSetup& setup) {
-    const double timeout_s = standard_truth().parameters.safety.stale_feedback_s;
     for (model::RobotParameters* p : {&setup.believed, &setup.truth}) {
         p->drive.encoder_period_ms = period_ms;
-        p->safety.stale_feedback_s = std::max(timeout_s, 4e-3 * period_ms);
+        p->safety.stale_feedback_s = stale_feedback_s(period_ms);
     }
 }
 

@@ -83,6 +83,28 @@ TEST(Torture, every_fault_is_survived_or_ends_in_time_and_under_its_name) {
     CHECK_TEXT(broken.empty(), broken.c_str());
 }
 
+// The kinds that a firmware which reckons with a report in each cycle does not survive. Reports that are
+// asked for between two, samples that come late, a drive that is back: with each mode.
+TEST(Torture, encoders_that_report_seldom_are_no_other_faults) {
+    std::string broken;
+    for (const int report_ms : {2, 5, 10}) {
+        for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+            const UntouchedDrive untouched = untouched_drive(seed, TorturedRobots::both, report_ms);
+            CHECK_EQUAL_TEXT(std::string(), untouched.problem, untouched.setup.text().c_str());
+            for (const char* name : {"extended_and_remote", "long_delay", "drive_reboots_armed", "bus_jam",
+                                     "no_encoder_frames", "loss_1_percent", "stop_line"}) {
+                const TortureKind* kind = find_torture_kind(name);
+                CHECK_TEXT(kind != nullptr, name);
+                const TortureResult result = torture(*kind, untouched);
+                for (const std::string& violation : result.violations)
+                    broken += std::string(name) + ", seed " + std::to_string(seed) + ", " +
+                              std::to_string(report_ms) + " ms: " + violation + "\n";
+            }
+        }
+    }
+    CHECK_TEXT(broken.empty(), broken.c_str());
+}
+
 TEST(Torture, what_is_known_not_to_hold_does_not_hold_yet) {
     for (const Known& known : kKnown) {
         const TortureKind* kind = find_torture_kind(known.kind);

@@ -34,10 +34,10 @@ Candidate same_candidate(const Dictionary& dictionary, const Candidate& candidat
 // The columns that an effect's presence shows in.
 std::vector<Amount> directions(const Candidate& candidate);
 
-// Parameters to choose.
 // That an effect of less than nothing is one too: a bias is, a drag is not.
 bool may_be_negative(const Candidate& candidate, const Setting& setting);
 
+// Parameters to choose.
 std::size_t unknowns(const Candidate& candidate);
 std::size_t unknowns(const Members& members);
 
