@@ -82,6 +82,19 @@ constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, Real li
             std::clamp((signed_s + signed_d) / 2, -half, half)};
 }
 
+// A robot that moves away from its centre of gravity, K6 v > 0 in eq (43), turns ever faster by itself: above
+// a certain yaw rate no torque holds it. Keeps the wanted one to where half of the torque does, which leaves
+// the other half for slowing down. v is the measured speed; the limit is a wheel's.
+template <typename Real>
+constexpr Real hold_yaw_rate(Real omega_rad_per_s, Real v_m_per_s, const model::Dynamics<Real>& k,
+                             Real limit_Nm, LimiterFlags& flags) {
+    const Real grows_per_s = k.k6_per_m * v_m_per_s;
+    const Real most = k.k8_per_kg_m2 * std::max(limit_Nm, Real(0));
+    if (!(grows_per_s * std::abs(omega_rad_per_s) > most)) return omega_rad_per_s;
+    flags.set(Limiter::yaw_rate);
+    return std::copysign(most / grows_per_s, omega_rad_per_s);
+}
+
 // The changes of speed and yaw rate that the limits and half of the torque allow: one half for speed and one
 // for yaw, so that both can be had at once.
 inline TwistRate<double> usual_acceleration(const model::RobotParameters& from) {

@@ -133,8 +133,10 @@ class PathPace {
         const TwistRate<Real> rate{by_time * by_time * point.rate.v_m_per_s2,
                                    by_time * by_time * point.rate.omega_rad_per_s2};
         const WheelPair<Real> torque = linearising_torque_Nm(plant, motion, motion.twist, rate);
+        // What turns the robot by itself falls with the speed's square too.
         const WheelPair<Real> friction =
-            linearising_torque_Nm(plant, motion, motion.twist, TwistRate<Real>{});
+            linearising_torque_Nm(plant, motion, motion.twist,
+                                  model::acceleration(plant.dynamics, motion.twist, WheelPair<Real>{}));
         const auto used = [&](Real whole, Real steady) {
             return share(whole - steady, limits.torque_Nm - std::abs(steady), kPaceShareOfTorque);
         };

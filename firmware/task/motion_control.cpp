@@ -159,17 +159,23 @@ MotionOutput MotionControl::open_loop(const WheelPair<Real>& wanted_Nm) const {
     return out;
 }
 
+void MotionControl::drive(const Observed& now, control::VelocityReference<Real> reference,
+                          MotionOutput& out) {
+    Real& omega = reference.twist.omega_rad_per_s;
+    omega = control::hold_yaw_rate(omega, now.motion.twist.v_m_per_s, plant_.dynamics,
+                                   Real(parameters_.limits.torque_Nm), out.limits);
+    loops_drive_ = true;
+    out.torque_Nm = loop_.update(plant_, now.motion, reference);
+    out.reference = reference.twist;
+    out.limits.add(loop_.flags());
+}
+
 MotionOutput MotionControl::follow(const Observed& now, const Twist<Real>& wanted) {
     MotionOutput out;
     const Twist<Real> scaled =
         control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
                                Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
-    control::VelocityReference<Real> reference;
-    reference.twist = limiter_.step(scaled, now.elapsed_s, out.limits);
-    loops_drive_ = true;
-    out.torque_Nm = loop_.update(plant_, now.motion, reference);
-    out.reference = reference.twist;
-    out.limits.add(loop_.flags());
+    drive(now, {limiter_.step(scaled, now.elapsed_s, out.limits), {}}, out);
     return out;
 }
 
@@ -193,12 +199,9 @@ MotionOutput MotionControl::track(const Observed& now, const HostLink& host, boo
     }
     auto command = tracker_.update(point, now.pose, now.elapsed_s);
     if (dither) dither_.step(command.reference);
-    loops_drive_ = true;
-    out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
-    out.reference = command.reference.twist;
     out.tracking_error = {command.along_m, command.across_m, command.heading_rad};
     out.limits = command.flags;
-    out.limits.add(loop_.flags());
+    drive(now, command.reference, out);
     return out;
 }
 
@@ -206,13 +209,10 @@ MotionOutput MotionControl::drive_to(const Observed& now, const HostLink& host) 
     if (host.goal.received) pose_.set_goal(host.goal.value.pose, host.goal.value.direction);
     const auto command = pose_.update(now.pose, now.elapsed_s);
     MotionOutput out;
-    loops_drive_ = true;
-    out.torque_Nm = loop_.update(plant_, now.motion, command.reference);
-    out.reference = command.reference.twist;
     out.tracking_error = {command.distance_m, 0, -command.heading_error_rad};
     out.limits = command.flags;
-    out.limits.add(loop_.flags());
     out.goal_reached = command.goal_reached;
+    drive(now, command.reference, out);
     return out;
 }
 

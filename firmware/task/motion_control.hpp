@@ -84,6 +84,8 @@ class MotionControl {
 
   private:
     MotionOutput open_loop(const WheelPair<Real>& wanted_Nm) const;
+    // Towards the reference, as far as the robot can be held there.
+    void drive(const Observed& now, control::VelocityReference<Real> reference, MotionOutput& out);
     MotionOutput drive_to(const Observed& now, const HostLink& host);
     MotionOutput follow(const Observed& now, const Twist<Real>& wanted);
     MotionOutput track(const Observed& now, const HostLink& host, bool dither);

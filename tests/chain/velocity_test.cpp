@@ -124,6 +124,45 @@ TEST(ChainVelocity, steps_settle_with_a_centre_of_gravity_beside_the_middle_and_
     }
 }
 
+// A robot that backs up, its centre of gravity far ahead of the axle, turns ever faster by itself. No torque
+// of its wheels holds what the limits of speed and yaw rate allow: it would spin.
+TEST(ChainVelocity, a_robot_that_backs_up_before_its_centre_of_gravity_turns_no_faster_than_it_is_asked_to) {
+    model::RobotParameters real = chain::real().parameters;
+    model::Dynamics<double>& k = real.dynamics;
+    k.k5_m = 0.09;
+    k.k6_per_m = model::coupled_k6(k.k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, real.geometry.track_m);
+    model::RobotParameters known = chain::identified();
+    known.dynamics = tools::as_seen_with(k, real.geometry, known.geometry);
+    known.limits.torque_Nm = 1.6;
+    for (const double way : {-1.0, 1.0}) {
+        for (const double turn : {-1.0, 1.0}) {
+            Simulation sim(known, real, chain::options(5));
+            const Twist<double> asked{way * 2.1, turn * 4.7};
+            sim.run_for(0.5);
+            sim.host().velocity({asked.v_m_per_s, 0});
+            CHECK(enter_mode(sim, protocol::Mode::velocity));
+            sim.run_for(1);
+            sim.host().velocity(asked);
+            double fastest_rad_per_s = 0;
+            bool limited = false;
+            for (int i = 0; i < 2000; ++i) {
+                sim.run_for(1e-3);
+                fastest_rad_per_s =
+                    std::max(fastest_rad_per_s, std::abs(sim.world().twist().omega_rad_per_s));
+                limited = limited || sim.cycle().report().status.limit_yaw_rate;
+            }
+            const Twist<double>& got = sim.world().twist();
+            std::printf("asked %+.1f m/s, %+.1f rad/s: %+.2f, %+.2f, at most %.2f; limited: %d\n",
+                        asked.v_m_per_s, asked.omega_rad_per_s, got.v_m_per_s, got.omega_rad_per_s,
+                        fastest_rad_per_s, int(limited));
+            CHECK(sim.cycle().supervisor().mode() == protocol::Mode::velocity);
+            CHECK(fastest_rad_per_s < 1.02 * std::abs(asked.omega_rad_per_s));
+            DOUBLES_EQUAL(asked.v_m_per_s, got.v_m_per_s, 0.02 * std::abs(asked.v_m_per_s));
+            CHECK_EQUAL(way < 0, limited);
+        }
+    }
+}
+
 // Eq (69)-(72). Note 6: sampled at 1 kHz with a hold, 1 / 2 / 3 ms of delay give 17.7 / 24.7 / 42.9 %. The
 // chain's delay lies between 1 and 2 ms, and the observer adds its own.
 TEST(ChainVelocity, the_papers_gains_overshoot_as_their_delay_predicts) {

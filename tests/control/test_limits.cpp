@@ -182,6 +182,33 @@ TEST(Limits, AYawRateLimitBelowZeroMeansZeroToo) {
     }
 }
 
+// Judged by eq (43): the torque that would stop the yaw rate from growing.
+TEST(Limits, ATurnThatGrowsByItselfIsKeptToWhatHalfOfTheTorqueHolds) {
+    bench::Noise noise(43);
+    int held = 0;
+    for (int i = 0; i < 10'000; ++i) {
+        const double limit_Nm = 0.1 + 10 * noise.uniform();
+        const model::Dynamics<double> k{0, 6 * noise.uniform() - 3, 1, 0.01 + 10 * noise.uniform()};
+        const double v = pick(noise, 2), omega = pick(noise, 4);
+        LimiterFlags flags;
+        const double kept = hold_yaw_rate(omega, v, k, limit_Nm, flags);
+        const auto needed_Nm = [&](double yaw_rate) { return k.k6_per_m * v * yaw_rate / k.k8_per_kg_m2; };
+        const bool grows = needed_Nm(omega) * omega > 0;
+        const bool too_much = grows && std::abs(needed_Nm(omega)) > limit_Nm;
+        CHECK_EQUAL(too_much, flags.has(Limiter::yaw_rate));
+        if (too_much) {
+            DOUBLES_EQUAL(limit_Nm, std::abs(needed_Nm(kept)), 1e-9 * limit_Nm);
+            CHECK(kept * omega > 0);
+            ++held;
+        } else {
+            DOUBLES_EQUAL(omega, kept, 0);
+        }
+    }
+    CHECK(held > 500);
+    LimiterFlags flags;
+    DOUBLES_EQUAL(0, hold_yaw_rate(1.0, -1.0, model::Dynamics<double>{0, -1, 1, 1}, -1.0, flags), 0);
+}
+
 TEST(Limits, EachLimiterHasAName) {
     for (const std::string_view name : kLimiterNames) CHECK_FALSE(name.empty());
 }

@@ -42,7 +42,15 @@ Uses uses_of(const PathSettings<double>& path, const PlantModel<double>& plant,
         motion.twist = point.twist;
         motion.wheel_speed_rad_per_s = model::wheel_speeds_from_twist(plant.geometry, point.twist);
         const auto all = linearising_torque_Nm(plant, motion, point.twist, point.rate);
-        const auto steady = linearising_torque_Nm(plant, motion, point.twist, TwistRate<double>{});
+        // What is left of it without acceleration, and without what the body's turning asks for, eq (42),
+        // (43).
+        auto steady = linearising_torque_Nm(plant, motion, point.twist, TwistRate<double>{});
+        const model::Dynamics<double>& k = plant.dynamics;
+        const double w = point.twist.omega_rad_per_s;
+        const double sum = k.k5_m * w * w / k.k7_per_kg_m;
+        const double difference = k.k6_per_m * point.twist.v_m_per_s * w / k.k8_per_kg_m2;
+        steady.left += (sum - difference) / 2;
+        steady.right += (sum + difference) / 2;
         note(uses.torque, all.left - steady.left, limits.torque_Nm - std::abs(steady.left));
         note(uses.torque, all.right - steady.right, limits.torque_Nm - std::abs(steady.right));
     }

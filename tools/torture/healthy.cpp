@@ -179,11 +179,20 @@ class Driver {
     void rest() {
         Simulation& sim = scene_.sim();
         const auto& supervisor = sim.cycle().supervisor();
-        sim.host().silence();
         if (ground_) ground_->flat();
         const auto idle = [&] {
             return supervisor.mode() == Mode::idle && supervisor.phase() == supervisor::Phase::steady;
         };
+        const auto drives = [&] {
+            return supervisor.mode() != Mode::fault && supervisor.mode() != Mode::idle &&
+                   supervisor.phase() == supervisor::Phase::steady;
+        };
+        // A host falls silent when it is heard to brake: frames are lost.
+        for (int i = 0; i < 3 && drives(); ++i) {
+            sim.host().mode(Mode::idle);
+            sim.run_for(0.02);
+        }
+        sim.host().silence();
         for (int i = 0; i < 5 && !idle(); ++i) {
             if (supervisor.mode() == Mode::fault) {
                 sim.host().clear_fault();
