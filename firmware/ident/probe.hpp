@@ -189,6 +189,7 @@ class Probe {
     static constexpr double kPulseShare = 0.8;       // of the speed that may be reached: K7 is rough
     static constexpr double kLessTorque = 0.84;      // four such steps are a half
     static constexpr double kPushesRoomShare = 0.2;  // of the room, for all pushes forward
+    static constexpr double kLeastPush = 1.1;        // of what has moved the wheels
     static constexpr double kMoves = 0.25;           // of the other wheel's speed
     static constexpr double kStops = 0.1;            // of a wheel's own, seen late
     static constexpr int kFewestPushes = 2;
@@ -221,22 +222,29 @@ class Probe {
     double gently_m_per_s() const {
         return std::min(kSpeedShare * options_.speed_limit_m_per_s, kEitherShare * rim_limit_m_per_s());
     }
+    // How long a speed goes on to grow until it is seen and the torque has changed.
+    double unseen_s() const {
+        return (kSpeedSpan / 2.0 + kQuickCycles) * options_.sample_time_s + kLongestDelay_s + later_s();
+    }
     // As the answers to pushes are known: what is seen late still stays within.
     double briskly_m_per_s() const {
         const auto quickest = [](const WheelPair<double>& by_Nm) {
             return std::max(std::abs(by_Nm.left), std::abs(by_Nm.right));
         };
-        const double late_s =
-            (kSpeedSpan / 2.0 + kQuickCycles) * options_.sample_time_s + kLongestDelay_s + later_s();
         return kBriskShare * rim_limit_m_per_s() -
-               late_s * push_Nm_ *
+               unseen_s() * push_Nm_ *
                    (quickest(found_.pushed_m_per_s2_Nm) + quickest(found_.dragged_m_per_s2_Nm));
     }
 
     void go(Stage stage) {
         stage_ = stage;
         stage_cycles_ = 0;
-        begin_ = angle_;
+        if (stage != Stage::pause) {
+            begin_ = angle_;
+            cut_short_ = false;
+            ramping_ = stage == Stage::left || stage == Stage::right;
+            right_ramp_ = stage == Stage::right;
+        }
         torque_ = {};
         leg_ = 0;
         leg_cycles_ = 0;
@@ -265,6 +273,7 @@ class Probe {
             ring_[ring_at_ % kSpeedSpan] = sample.angle_rad;
             ++ring_at_;
             angle_ = sample.angle_rad;
+            if (ramping_) note_ramp(oldest);
             if (ring_at_ == 1) begin_ = angle_;
             if (torque_.left == 0 || angle_.left != left_changed_.left) left_changed_ = angle_;
             if (torque_.right == 0 || angle_.right != right_changed_.right) right_changed_ = angle_;
@@ -280,6 +289,7 @@ class Probe {
         return {speed_.left * options_.geometry.wheel_radius_m.left,
                 speed_.right * options_.geometry.wheel_radius_m.right};
     }
+    double breakaway_Nm() const { return std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right); }
     double moved_enough() const { return std::max(kMoved_rad, kNoises * rest_noise_rad_); }
 
     void rest() {
@@ -415,11 +425,39 @@ class Probe {
                                   : speed_witness_.judge_mirror();
     }
 
-    // Well above friction, well below what is fast.
+    // A torque that rises by s in a second, from where the wheel begins to move, gives it the speed a s t^2 /
+    // 2 in the time t and takes it a third of that speed times t. So the fastest speed seen of the ramp, and
+    // the way to there, tell t and a, the rim's acceleration per torque: to a half or so, before any push.
+    void note_ramp(const WheelPair<double>& oldest) {
+        const std::size_t wheel = right_ramp_ ? 1 : 0;
+        const auto of = [&](const WheelPair<double>& pair) { return wheel == 0 ? pair.left : pair.right; };
+        const double fastest = of(speed_);
+        const double way = (of(angle_) + of(oldest)) / 2 - of(begin_);
+        if (2 * way > moved_enough() && fastest > ramp_fastest_[wheel].speed)
+            ramp_fastest_[wheel] = {fastest, way};
+    }
+    WheelPair<double> ramped_m_per_s2_Nm() const {
+        const auto answer = [&](const Fastest& of, double radius_m) {
+            const double time_s = 3 * of.way / of.speed;
+            return of.speed > 0
+                       ? 2 * radius_m * of.speed * kRamp_s / (options_.torque_limit_Nm * time_s * time_s)
+                       : 0;
+        };
+        const WheelPair<double>& r = options_.geometry.wheel_radius_m;
+        return {answer(ramp_fastest_[0], r.left), answer(ramp_fastest_[1], r.right)};
+    }
+
+    // Well above friction, well below what is fast: also below what would be, until it is seen.
     void choose_push() {
-        const double breakaway = std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
-        push_Nm_ = std::clamp(std::max(2 * breakaway, 0.15 * options_.torque_limit_Nm), 0.0,
+        push_Nm_ = std::clamp(std::max(2 * breakaway_Nm(), 0.15 * options_.torque_limit_Nm), 0.0,
                               options_.torque_limit_Nm);
+        const double unseen_m_per_s2 = kEitherShare * rim_limit_m_per_s() / unseen_s();
+        const auto& [left, right] = found_.breakaway_Nm;
+        const WheelPair<double> answer = ramped_m_per_s2_Nm();
+        // a wheel that has not told its answer divides by zero
+        const double most =
+            std::min(left + unseen_m_per_s2 / answer.left, right + unseen_m_per_s2 / answer.right);
+        push_Nm_ = std::max(std::min(push_Nm_, most), std::min(push_Nm_, kLeastPush * breakaway_Nm()));
     }
 
     // There, then back with the opposite torque.
@@ -457,11 +495,12 @@ class Probe {
                 if (leg_s < kShortestPush_s + later_s()) {  // too quick to be seen: once more, gently
                     if (gentle_ == kMostHalvings)
                         return end(ran_free_ != IdentCause::none ? ran_free_ : IdentCause::no_room);
-                    push_Nm_ = std::max(push_Nm_ / 2,
-                                        1.1 * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right));
+                    push_Nm_ = std::max(push_Nm_ / 2, kLeastPush * breakaway_Nm());
                     ++gentle_;
                     fit_ = {};
-                    return rest_then(stage_);
+                    rest_then(stage_);
+                    cut_short_ = true;
+                    return;
                 }
                 leg_ = 1;
                 leg_cycles_ = 0;
@@ -588,16 +627,18 @@ class Probe {
         return true;
     }
     IdentCause running_free() const {
-        if ((stage_ != Stage::forward && stage_ != Stage::turning) || !pushed_well()) return IdentCause::none;
+        const bool pushed = stage_ == Stage::forward || stage_ == Stage::turning || cut_short_;
+        if (!pushed) return IdentCause::none;
         const WheelPair<double> m = moved();
         const double unseen = moved_enough() / 2;  // what a wheel may have gone beside what is seen of it
-        return runs_free({options_.geometry.wheel_radius_m.left * (std::abs(m.left) + unseen),
-                          options_.geometry.wheel_radius_m.right * (std::abs(m.right) + unseen)});
+        const WheelPair<double>& r = options_.geometry.wheel_radius_m;
+        const IdentCause free =
+            runs_free({r.left * (std::abs(m.left) + unseen), r.right * (std::abs(m.right) + unseen)});
+        return pushed_well() || free == runs_free(ramped_m_per_s2_Nm()) ? free : IdentCause::none;
     }
-    // So much above friction that a wheel does not hang in it for part of the time.
-    bool pushed_well() const {
-        return push_Nm_ >= kMovesEnough * std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right);
-    }
+    // So much above friction that a wheel does not hang in it for part of the time. With less, the ramps have
+    // to say the same, each of which was by its own wheel's friction.
+    bool pushed_well() const { return push_Nm_ >= kMovesEnough * breakaway_Nm(); }
     bool judge_sides() {
         IdentCause wrong = sides_.judge();
         found_.pose_seen = sides_.confirmed();
@@ -747,10 +788,16 @@ class Probe {
     WheelPair<double> torque_, told_before_, angle_, last_, begin_, still_at_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
     bool usable_ = false, pushed_well_ = false;
+    bool cut_short_ = false;                     // a push was, in this pause
+    bool ramping_ = false, right_ramp_ = false;  // in this stage or in the pause after it
     std::array<WheelPair<double>, kSpeedSpan> ring_{};
     std::size_t ring_at_ = 0;
     Parabola rest_fit_, rest_fit_other_;
     double rest_noise_rad_ = 0;
+    struct Fastest {
+        double speed = 0, way = 0;  // rad/s and rad
+    };
+    std::array<Fastest, 2> ramp_fastest_{};
     double k7_per_kg_m_ = 0;
     std::array<bool, 2> rolls_{};
     std::array<double, 2> went_m_per_s_{};
