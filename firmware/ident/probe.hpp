@@ -29,6 +29,7 @@
 #include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/mirror_test.hpp"
 #include "firmware/ident/parabola.hpp"
+#include "firmware/ident/ramp_answer.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/speed_witness.hpp"
 #include "firmware/ident/student.hpp"
@@ -242,8 +243,7 @@ class Probe {
         if (stage != Stage::pause) {
             begin_ = angle_;
             cut_short_ = false;
-            ramping_ = stage == Stage::left || stage == Stage::right;
-            right_ramp_ = stage == Stage::right;
+            ramped_ = stage;
         }
         torque_ = {};
         leg_ = 0;
@@ -273,7 +273,8 @@ class Probe {
             ring_[ring_at_ % kSpeedSpan] = sample.angle_rad;
             ++ring_at_;
             angle_ = sample.angle_rad;
-            if (ramping_) note_ramp(oldest);
+            if (ramped_ == Stage::left) note_ramp(0, angle_.left, oldest.left, begin_.left, speed_.left);
+            if (ramped_ == Stage::right) note_ramp(1, angle_.right, oldest.right, begin_.right, speed_.right);
             if (ring_at_ == 1) begin_ = angle_;
             if (torque_.left == 0 || angle_.left != left_changed_.left) left_changed_ = angle_;
             if (torque_.right == 0 || angle_.right != right_changed_.right) right_changed_ = angle_;
@@ -425,26 +426,16 @@ class Probe {
                                   : speed_witness_.judge_mirror();
     }
 
-    // A torque that rises by s in a second, from where the wheel begins to move, gives it the speed a s t^2 /
-    // 2 in the time t and takes it a third of that speed times t. So the fastest speed seen of the ramp, and
-    // the way to there, tell t and a, the rim's acceleration per torque: to a half or so, before any push.
-    void note_ramp(const WheelPair<double>& oldest) {
-        const std::size_t wheel = right_ramp_ ? 1 : 0;
-        const auto of = [&](const WheelPair<double>& pair) { return wheel == 0 ? pair.left : pair.right; };
-        const double fastest = of(speed_);
-        const double way = (of(angle_) + of(oldest)) / 2 - of(begin_);
-        if (2 * way > moved_enough() && fastest > ramp_fastest_[wheel].speed)
-            ramp_fastest_[wheel] = {fastest, way};
+    // Mean speed and way of the span that speeds are seen in.
+    void note_ramp(std::size_t wheel, double angle, double oldest, double begin, double speed) {
+        const double way = (angle + oldest) / 2 - begin;
+        if (2 * way > moved_enough()) ramps_[wheel].note(speed, way);
     }
+    // Of the rims.
     WheelPair<double> ramped_m_per_s2_Nm() const {
-        const auto answer = [&](const Fastest& of, double radius_m) {
-            const double time_s = 3 * of.way / of.speed;
-            return of.speed > 0
-                       ? 2 * radius_m * of.speed * kRamp_s / (options_.torque_limit_Nm * time_s * time_s)
-                       : 0;
-        };
+        const double rise_Nm_per_s = options_.torque_limit_Nm / kRamp_s;
         const WheelPair<double>& r = options_.geometry.wheel_radius_m;
-        return {answer(ramp_fastest_[0], r.left), answer(ramp_fastest_[1], r.right)};
+        return {r.left * ramps_[0].per_Nm(rise_Nm_per_s), r.right * ramps_[1].per_Nm(rise_Nm_per_s)};
     }
 
     // Well above friction, well below what is fast: also below what would be, until it is seen.
@@ -788,16 +779,13 @@ class Probe {
     WheelPair<double> torque_, told_before_, angle_, last_, begin_, still_at_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
     bool usable_ = false, pushed_well_ = false;
-    bool cut_short_ = false;                     // a push was, in this pause
-    bool ramping_ = false, right_ramp_ = false;  // in this stage or in the pause after it
+    bool cut_short_ = false;      // a push was, in this pause
+    Stage ramped_ = Stage::done;  // this stage, or the one before the pause
     std::array<WheelPair<double>, kSpeedSpan> ring_{};
     std::size_t ring_at_ = 0;
     Parabola rest_fit_, rest_fit_other_;
     double rest_noise_rad_ = 0;
-    struct Fastest {
-        double speed = 0, way = 0;  // rad/s and rad
-    };
-    std::array<Fastest, 2> ramp_fastest_{};
+    std::array<RampAnswer, 2> ramps_{};
     double k7_per_kg_m_ = 0;
     std::array<bool, 2> rolls_{};
     std::array<double, 2> went_m_per_s_{};

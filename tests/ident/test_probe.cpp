@@ -12,6 +12,7 @@
 #include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/parabola.hpp"
 #include "firmware/ident/probe.hpp"
+#include "firmware/ident/ramp_answer.hpp"
 #include "firmware/ident/side_witness.hpp"
 #include "firmware/ident/sizing.hpp"
 #include "firmware/ident/speed_witness.hpp"
@@ -575,5 +576,22 @@ TEST(ProbeParts, a_wheel_in_the_air_is_named_before_it_is_fast_also_where_report
                 CHECK(carts.fastest_m_per_s < 1.5);
             }
         }
+    }
+}
+
+// By the motion's own integral, of wheels that three powers of ten lie between.
+TEST(ProbeParts, a_ramp_tells_how_a_wheel_answers) {
+    for (const double per_Nm : {0.2, 11.0, 400.0}) {
+        ident::RampAnswer ramp;
+        DOUBLES_EQUAL(0, ramp.per_Nm(2.5), 0);
+        double speed = 0, way = 0;
+        constexpr double kStep_s = 1e-5, kRise_Nm_per_s = 2.5;
+        for (double t_s = 0; t_s < 0.04; t_s += kStep_s) {
+            speed += kStep_s * per_Nm * kRise_Nm_per_s * t_s;
+            way += kStep_s * speed;
+            ramp.note(speed, way);
+        }
+        ramp.note(speed / 2, 10 * way);  // slower again
+        DOUBLES_EQUAL(per_Nm, ramp.per_Nm(kRise_Nm_per_s), 0.01 * per_Nm);
     }
 }
