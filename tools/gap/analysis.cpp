@@ -305,7 +305,7 @@ Findings analyse(const Request& request) {
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
     std::vector<NamedEffect> effects =
-        with_motions(with_unmeasured_rivals(search.effects, known_effects),
+        with_motions(with_unmeasured_rivals(search.effects, known_effects, known.most_report_lag_s),
                      confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
     if (slip) {
         effects.push_back(named_slip(*slip, setting));

@@ -184,6 +184,7 @@ void Evaluations::evaluate() {
     search_options.rivals_only = known.rivals_only;
     if (turning_) search_options.shown = known.shown;
     search_options.large_gap = known.large_gap;
+    search_options.most_report_lag_s = known.most_report_lag_s;
     search_options.white_noise = known.white_noise;
     search_options.turning = turning_;
     search_options.k7_per_kg_m = k7_per_kg_m_;
@@ -259,8 +260,17 @@ Setting Evaluations::setting_found() const {
 
 Setting Evaluations::setting_for(const model::Dynamics<double>& dynamics) const {
     const Overview& o = options_.overview;
-    return {options_.geometry, dynamics,     o.peak_torque_Nm, o.peak_speed_rad_per_s, o.span_s,
-            o.period_s,        o.turned_rad, refinements_,     event_spacing_s_};
+    return {options_.geometry,
+            dynamics,
+            o.peak_torque_Nm,
+            o.peak_speed_rad_per_s,
+            o.span_s,
+            o.period_s,
+            o.turned_rad,
+            refinements_,
+            event_spacing_s_,
+            options_.known.report_lag_s(),
+            options_.known.report_poles};
 }
 
 BlockSet Evaluations::held_out() const {
