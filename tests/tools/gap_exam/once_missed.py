@@ -25,19 +25,8 @@ class OnceMissed(unittest.TestCase):
     def test_what_a_sensor_shows_is_not_the_first_effect(self):
         self.assertIn("payload_step", named(1308892933, 293))
 
-    def test_free_runs_deny_only_what_is_surely_further_off(self):
-        self.assertIn("back_emf_limit", named(2718281829, 158))
-
     def test_few_pieces_make_an_interval_wide_but_not_a_load_doubtful(self):
         self.assertIn("payload_step", named(1104904506, 109))
-
-    def test_a_delay_of_the_torque_before_a_late_report_is_no_lag(self):
-        lags = {name for name in named(1104904506, 54) if "lag" in name or "delay" in name}
-        self.assertEqual(lags, {"transport_delay", "measurement_lag"})
-
-    def test_a_report_behind_a_tracking_loop_leaves_no_delay(self):
-        self.assertEqual(set(named(1308892933, 120)),
-                         {"viscous_friction", "coulomb_friction", "gyro_bias", "measurement_lag"})
 
     def test_speeds_are_not_later_than_a_gyro_allows(self):
         effects = named(1308892933, 37)

@@ -41,8 +41,6 @@ struct Setting {
     double turned_rad = 1e9;     // from the least to the greatest angle of a wheel
     int refinements = 0;         // so far, with this one
     double event_spacing_s = 0;  // between times at which an event is tried in a closer evaluation
-    double report_lag_s = 0;     // of the wheel speeds, where a sensor shows it,
-    int report_poles = 1;        // of so many poles alike
 
     double effective_mass_kg() const { return 1 / (dynamics.k7_per_kg_m * geometry.mean_radius_m()); }
     double effective_inertia_kg_m2() const {

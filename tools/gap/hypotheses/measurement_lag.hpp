@@ -17,8 +17,7 @@ class MeasurementLagTerm : public Contribution {
     static constexpr bool kByDynamics = true;
     MeasurementLagTerm(const Parameters<double>& p, const Setting& s) : s_(s), torque_(p, s), lagged_(p[0]) {}
     WheelPair<double> over(const Interval& i) override {
-        // lagged less given; of a report that a sensor shows to be late, the torques given are lagged
-        const WheelPair<double> late = s_.report_lag_s > 0 ? WheelPair<double>{} : torque_.over(i);
+        const WheelPair<double> late = torque_.over(i);  // lagged less given
         const Twist<double> u = model::twist_from_wheel_speeds(s_.geometry, i.speed());
         const double v = u.v_m_per_s - lagged_(v_m_per_s_, u.v_m_per_s, i.dt_s);
         const double omega = u.omega_rad_per_s - lagged_(omega_rad_per_s_, u.omega_rad_per_s, i.dt_s);

@@ -260,17 +260,8 @@ Setting Evaluations::setting_found() const {
 
 Setting Evaluations::setting_for(const model::Dynamics<double>& dynamics) const {
     const Overview& o = options_.overview;
-    return {options_.geometry,
-            dynamics,
-            o.peak_torque_Nm,
-            o.peak_speed_rad_per_s,
-            o.span_s,
-            o.period_s,
-            o.turned_rad,
-            refinements_,
-            event_spacing_s_,
-            options_.known.report_lag_s(),
-            options_.known.report_poles};
+    return {options_.geometry, dynamics,     o.peak_torque_Nm, o.peak_speed_rad_per_s, o.span_s,
+            o.period_s,        o.turned_rad, refinements_,     event_spacing_s_};
 }
 
 BlockSet Evaluations::held_out() const {

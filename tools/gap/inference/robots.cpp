@@ -128,11 +128,6 @@ FreeRunsSay by_free_runs(const Search& search, const Blocks& train, std::span<co
         return each;
     };
     FreeRunsSay say;
-    // How likely chance has the second miss so much less than the first.
-    const auto by_chance = [](std::vector<double> first, const std::vector<double>& second) {
-        for (std::size_t s = 0; s < first.size(); ++s) first[s] -= second[s];
-        return signed_rank_probability(first);
-    };
     std::vector<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
         if (hypothesis_of(search.members[i].effect).in_every_drive_train ||
@@ -145,19 +140,16 @@ FreeRunsSay by_free_runs(const Search& search, const Blocks& train, std::span<co
         }
         const bool instead = fewer.size() >= search.members.size();
         if (with_all.empty()) with_all = missed(search.members, search.after);
-        const std::vector<double> without_it =
-            missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
-        if (!std::isfinite(mean_of(without_it))) continue;  // one that runs away is no number
-        // Friction in its place is likelier, unless it does better. What the rows are sure of is denied by
-        // runs that are surely further off, or run away.
-        const double further = mean_of(with_all) - mean_of(without_it);
-        const bool worse = !(further < kPolicy.better_by) &&
-                           (!std::isfinite(further) || by_chance(with_all, without_it) <= kPolicy.kept);
-        if (instead ? !(further < 0) : worse) {
+        std::vector<double> closer = missed(fewer, fit(train, shape_of(fewer, turning), Spread::none));
+        const double without_it = mean_of(closer);
+        if (!std::isfinite(without_it)) continue;  // one that runs away is no number
+        // friction in its place is likelier, unless it does better
+        if (!(mean_of(with_all) < without_it + (instead ? 0 : kPolicy.better_by))) {
             say.no_better = search.members[i].effect;
             break;
         }
-        if (by_chance(without_it, with_all) > kPolicy.kept) say.unsure.push_back(search.members[i].effect);
+        for (std::size_t s = 0; s < closer.size(); ++s) closer[s] -= with_all[s];
+        if (signed_rank_probability(closer) > kPolicy.kept) say.unsure.push_back(search.members[i].effect);
     }
     return say;
 }

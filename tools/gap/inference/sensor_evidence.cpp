@@ -37,11 +37,6 @@ Bend bend_of(const Sensors::Gyro& gyro, double track_m) {
 
 }  // namespace
 
-double Known::report_lag_s() const {
-    const auto lag = given.find(kLag);
-    return lag == given.end() ? 0.0 : lag->second[0];
-}
-
 Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded, double track_m) {
     constexpr double kShortLag_s = 0.003;
     Known known;
@@ -51,7 +46,6 @@ Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded
     for (const SensorEffect& e : sensors.effects) {
         if (e.effect != kLag) continue;
         known.given[kLag] = {e.value};
-        known.report_poles = sensors.gyro->lag_poles;
         known.large_gap = kPolicy.gap_behind_lag;
     }
     known.most_report_lag_s = sensors.gyro->lag_s + 3 * sensors.gyro->lag_error_s;

@@ -30,8 +30,6 @@ struct Known {
 
     // Something is known only so well: less than `large_gap` may be left by that.
     bool roughly() const { return !given.empty() || !white_noise; }
-    double report_lag_s() const;  // of the wheel speeds, that is given; 0: none is
-    int report_poles = 1;         // that it is of, alike
 };
 Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded, double track_m);
 

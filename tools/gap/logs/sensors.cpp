@@ -8,7 +8,6 @@
 #include <limits>
 #include <numbers>
 #include <span>
-#include <utility>
 
 #include "firmware/model/exponential.hpp"
 
@@ -277,48 +276,17 @@ struct Lag {
         of_last = mean - keeps;
         of_this = 1 - mean;
     }
-};
-
-// How the wheels' speeds come late: by a filter of the first order, or by a tracking loop's two poles alike.
-struct Report {
-    double lag_s = 0;
-    int poles = 1;
-};
-
-class LateReport {
-  public:
-    LateReport(const Report& report, double period_s, double start)
-        : lag_(report.lag_s / report.poles, period_s), poles_(static_cast<std::size_t>(report.poles)) {
-        at_.fill(start);
+    // of the variance of white noise
+    double share_remaining() const {
+        return (of_last * of_last + of_this * of_this + 2 * keeps * of_last * of_this) / (1 - keeps * keeps);
     }
-    double operator()(double now) {
-        for (std::size_t p = 0; p < poles_; ++p) {
-            const double last = std::exchange(at_[p], now);
-            now = lag_.keeps * at_[p + 1] + lag_.of_last * last + lag_.of_this * now;
-        }
-        return at_[poles_] = now;
-    }
-
-  private:
-    Lag lag_;
-    std::size_t poles_;
-    std::array<double, 3> at_{};  // before, between and behind the poles
 };
-
-// Of the variance of white noise, what is left behind it.
-double share_remaining(const Report& report, double period_s) {
-    constexpr double kForgotten = 1e-9;
-    LateReport late(report, period_s, 0);
-    double sum = std::pow(late(1), 2);
-    for (double square = sum; square > kForgotten * sum; sum += square) square = std::pow(late(0), 2);
-    return sum;
-}
 
 // Squares of the gyros' noise that a lag leaves, over the logs.
-double noise_squares(const std::vector<MeasuredLog>& logs, const Noise& noise, const Report& report) {
+double noise_squares(const std::vector<MeasuredLog>& logs, const Noise& noise, double lag_s) {
     double sum = 0;
     for (std::size_t l = 0; l < logs.size(); ++l)
-        sum += noise.gyro[l] * share_remaining(report, logs[l].period_s) *
+        sum += noise.gyro[l] * Lag(lag_s, logs[l].period_s).share_remaining() *
                static_cast<double>(logs[l].samples.size());
     return sum;
 }
@@ -326,7 +294,7 @@ double noise_squares(const std::vector<MeasuredLog>& logs, const Noise& noise, c
 // Of how far the gyro, lagged so, is from the wheels. What noise makes is taken off: a lag smooths that of
 // the gyro, which would gain something without any lag in the wheels' report.
 GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, const Noise& noise,
-                 const Report& report) {
+                 double lag_s) {
     struct Sum {
         Eigen::Matrix3d xx = Eigen::Matrix3d::Zero();
         Eigen::Vector3d xy = Eigen::Vector3d::Zero();
@@ -335,12 +303,14 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
     std::vector<Sum> blocks;
     for (std::size_t l = 0; l < logs.size(); ++l) {
         const MeasuredLog& log = logs[l];
-        const double noise_remaining = noise.gyro[l] * share_remaining(report, log.period_s);
-        LateReport late_report(report, log.period_s, log.samples.front().gyro_rad_per_s);
+        const Lag lag(lag_s, log.period_s);
+        const double noise_remaining = noise.gyro[l] * lag.share_remaining();
+        double late = log.samples.front().gyro_rad_per_s;
         const auto length = static_cast<std::size_t>(std::max(4.0, kGyroBlock_s / log.period_s));
         for (std::size_t i = 0; i < log.samples.size(); ++i) {
             const MeasuredSample& s = log.samples[i];
-            const double late = late_report(s.gyro_rad_per_s);
+            const double last = log.samples[i > 0 ? i - 1 : 0].gyro_rad_per_s;
+            late = lag.keeps * late + lag.of_last * last + lag.of_this * s.gyro_rad_per_s;
             if (i % length == 0) blocks.emplace_back();
             const Twist<double> u = model::twist_from_wheel_speeds(g, s.speed_rad_per_s);
             const Eigen::Vector3d x(1, u.omega_rad_per_s, u.v_m_per_s);
@@ -374,7 +344,7 @@ GyroFit fit_gyro(const std::vector<MeasuredLog>& logs, const model::Geometry<dou
 // refined.
 void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& g, const Noise& noise,
               Sensors::Gyro& gyro) {
-    const auto left = [&](double lag_s) { return fit_gyro(logs, g, noise, {lag_s}).total; };
+    const auto left = [&](double lag_s) { return fit_gyro(logs, g, noise, lag_s).total; };
     constexpr double kMost_s = 0.4;
     double best = 0;
     double least = left(0);
@@ -385,7 +355,7 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
             best = lag;
         }
     }
-    const std::vector<double> without = fit_gyro(logs, g, noise, {}).squares;
+    const std::vector<double> without = fit_gyro(logs, g, noise, 0).squares;
     if (best == 0) {
         gyro.lag_error_s = kLagOfInterest_s / kSure;
         return;
@@ -401,8 +371,8 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     }
     // one standard error: where each block's own loss, as noisy as the blocks are, balances the bend
     const double step = 0.1 * best;
-    const std::vector<double> low = fit_gyro(logs, g, noise, {best - step}).squares;
-    const std::vector<double> high = fit_gyro(logs, g, noise, {best + step}).squares;
+    const std::vector<double> low = fit_gyro(logs, g, noise, best - step).squares;
+    const std::vector<double> high = fit_gyro(logs, g, noise, best + step).squares;
     double bend = 0;
     double scores = 0;
     for (std::size_t i = 0; i < low.size(); ++i) {
@@ -411,17 +381,16 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     }
     bend = (bend - 2 * least) / (step * step);
     gyro.lag_s = best;
-    if (fit_gyro(logs, g, noise, {best, 2}).total < least) gyro.lag_poles = 2;
     gyro.lag_error_s = bend > 0 ? std::sqrt(scores) / bend : best;
     double gained = 0;
     double spread = 0;
-    const std::vector<double> with = fit_gyro(logs, g, noise, {best}).squares;
+    const std::vector<double> with = fit_gyro(logs, g, noise, best).squares;
     for (std::size_t i = 0; i < with.size(); ++i) {
         gained += without[i] - with[i];
         spread += std::pow(without[i] - with[i], 2);
     }
     // The noise is known to no more than this, beside what it makes.
-    const double doubt = kNoiseDoubt * noise_squares(logs, noise, {0});
+    const double doubt = kNoiseDoubt * noise_squares(logs, noise, 0);
     // sure of it by all blocks, and more than the noise may make
     if (gained <= kSure * std::sqrt(spread) / 2 || gained < doubt) {
         gyro.lag_s = 0;
@@ -430,8 +399,7 @@ void find_lag(const std::vector<MeasuredLog>& logs, const model::Geometry<double
     } else if (bend > 0) {
         // by as much as the noise may be off, more or less of it seems smoothed
         const double slope =
-            (noise_squares(logs, noise, {best + step}) - noise_squares(logs, noise, {best - step})) /
-            (2 * step);
+            (noise_squares(logs, noise, best + step) - noise_squares(logs, noise, best - step)) / (2 * step);
         gyro.lag_error_s = std::hypot(gyro.lag_error_s, kNoiseDoubt * slope / bend, kDrivesCycle_s / 2);
     }
 }
@@ -508,7 +476,7 @@ Sensors sensors_of(const std::vector<MeasuredLog>& logs, const model::Geometry<d
     Noise noise{wheels_noise(logs, geometry), {}};
     for (const MeasuredLog& log : logs) noise.gyro.push_back(gyro_variance(log));
     find_lag(logs, geometry, noise, gyro);
-    const GyroFit fit = fit_gyro(logs, geometry, noise, {gyro.lag_s, gyro.lag_poles});
+    const GyroFit fit = fit_gyro(logs, geometry, noise, gyro.lag_s);
     const auto take = [&](Eigen::Index i, double& value, double& error) {
         value = fit.value(i);
         error = std::sqrt(std::max(0.0, fit.covariance(i, i)));

@@ -45,7 +45,6 @@ struct Sensors {
         double bend_per_m = 0, bend_error = 0;
         // of the wheels' report behind the gyro's; standard error 0: not known
         double lag_s = 0, lag_error_s = 0;
-        int lag_poles = 1;  // alike: a filter of the first order has one, a tracking loop two
     };
     std::optional<Gyro> gyro;  // where the robot turns
 };

@@ -267,9 +267,7 @@ void Dictionary::add_linearised(std::size_t effect, const Parameters<double>& at
 }
 
 Dictionary::Walker::Walker(const Dictionary& dictionary, const std::vector<bool>& wanted)
-    : dictionary_(dictionary),
-      term_(dictionary.terms_.size()),
-      report_lag_(dictionary.setting_.report_lag_s / dictionary.setting_.report_poles) {
+    : dictionary_(dictionary), term_(dictionary.terms_.size()) {
     const auto is_wanted = [&wanted](std::size_t column) { return wanted.empty() || wanted[column]; };
     const auto any_wanted = [&](const std::pair<int, int>& of) {
         bool any = false;
@@ -346,20 +344,7 @@ void Dictionary::Walker::add(const WheelPair<double>& pair) {
     ++at_;
 }
 
-// Speeds that are reported late answer a torque as if that came late, whatever else its path does to it.
-Interval Dictionary::Walker::with_report_lag(const Interval& i) {
-    Interval late = i;
-    for (std::size_t p = 0; p < static_cast<std::size_t>(dictionary_.setting_.report_poles); ++p) {
-        late.torque = {report_lag_(late_torque_[p].left, late.torque.left, i.dt_s),
-                       report_lag_(late_torque_[p].right, late.torque.right, i.dt_s)};
-    }
-    late.torque_before = first_ ? late.torque : late_before_;
-    late_before_ = late.torque;
-    return late;
-}
-
-void Dictionary::Walker::step(const Interval& measured, bool standing) {
-    const Interval i = dictionary_.setting_.report_lag_s > 0 ? with_report_lag(measured) : measured;
+void Dictionary::Walker::step(const Interval& i, bool standing) {
     if (first_) slow_torque_ = i.torque;
     first_ = false;
     for (const std::size_t t : quick_) {

@@ -18,7 +18,6 @@
 #include <vector>
 
 #include "tools/gap/hypotheses/contribution.hpp"
-#include "tools/gap/hypotheses/lag.hpp"
 
 namespace wheelwright::gap {
 
@@ -122,7 +121,6 @@ class Dictionary {
         }
 
       private:
-        Interval with_report_lag(const Interval& interval);
         void close();
         void put_together(const Interval& interval);
         void forget();
@@ -135,12 +133,9 @@ class Dictionary {
         std::vector<std::unique_ptr<Contribution>> term_;  // null: not wanted
         std::array<bool, model::kEffectCount> linear_wanted_{};
         bool rich_wanted_ = false;
-        std::vector<std::size_t> quick_, slow_;         // of the terms
-        Lag report_lag_;                                // of each pole
-        std::array<WheelPair<double>, 2> late_torque_;  // behind each, at the end of the last interval
-        WheelPair<double> late_before_;                 // over it
-        Interval whole_;                                // since the sums were taken
-        std::size_t together_ = 0, acting_ = 0;         // intervals that are in it
+        std::vector<std::size_t> quick_, slow_;  // of the terms
+        Interval whole_;                         // since the sums were taken
+        std::size_t together_ = 0, acting_ = 0;  // intervals that are in it
         std::vector<WheelPair<double>> term_sums_, columns_;
         std::vector<std::size_t> wanted_, summed_;  // of columns_; summed_: but those of probes
         std::vector<std::size_t> probes_;           // wanted, of the dictionary's
