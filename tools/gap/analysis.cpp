@@ -68,12 +68,9 @@ std::vector<int> shapes_of_friction(const Evaluation& evaluation) {
 }
 
 // With intervals as wide as other estimates of the same differ, that of `weak` among them: the fit before it
-// was refined. What few pieces tell has an error as much larger as Student's t has it.
+// was refined.
 Search with_misfit(const Search& search, const Fit& weak, const Evaluation& last) {
     Search result = search;
-    Eigen::VectorXd few = weak.telling;
-    for (double& telling : few)
-        telling = std::max(1.0, interval_quantile(telling + 3) / interval_quantile(double(search.blocks)));
     std::vector<Amount> frictions;
     for (const Candidate& candidate : search.friction) {
         if (!contains(search.members, candidate.effect))
@@ -81,11 +78,23 @@ Search with_misfit(const Search& search, const Fit& weak, const Evaluation& last
     }
     const Eigen::VectorXd refined_by = search.after.value - weak.value;
     Eigen::MatrixXd& covariance = result.after.covariance;
-    covariance = few.asDiagonal() * search.after.covariance * few.asDiagonal();
     covariance += misfit_covariance(last.train, last.colour, weak, shapes_of_friction(last), frictions) +
                   refined_by * refined_by.transpose();
     for (const Eigen::VectorXd& moved : search.moved_by_rivals) covariance += moved * moved.transpose() / 2;
     result.effects = described_anew(result, last.dictionary.setting());
+    return result;
+}
+
+// What few pieces tell has an error as much larger as Student's t has it. `spread`: the error that the pieces
+// tell.
+Search with_few_pieces(const Search& search, const Eigen::MatrixXd& spread, const Setting& setting) {
+    Search result = search;
+    Eigen::VectorXd few = search.after.telling;
+    for (double& telling : few)
+        telling = std::max(1.0, interval_quantile(telling + 3) / interval_quantile(double(search.blocks)));
+    result.after.covariance += few.asDiagonal() * spread * few.asDiagonal();
+    result.after.covariance -= spread;
+    result.effects = described_anew(result, setting);
     return result;
 }
 
@@ -273,10 +282,12 @@ Findings analyse(const Request& request) {
         std::optional<Denied> denied = evaluate_all(evaluations, parts.training);
         if (!denied) {
             const Evaluation& last = evaluations.last();
-            findings.search = with_misfit(refined(last.search, parts.training, last.dictionary.setting(),
-                                                  turning, overview.speed_rms_rad_per_s),
-                                          last.search.after, last);
-            denied = not_told_from_zero(findings.search, last.dictionary.setting());
+            const Setting& setting = last.dictionary.setting();
+            const Search found =
+                refined(last.search, parts.training, setting, turning, overview.speed_rms_rad_per_s);
+            const Search unsure = with_misfit(found, last.search.after, last);
+            denied = not_told_from_zero(unsure, setting);
+            findings.search = with_few_pieces(unsure, found.after.covariance, setting);
         }
         if (!denied) break;
         evaluations.deny(denied->effect);
@@ -305,7 +316,7 @@ Findings analyse(const Request& request) {
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
     std::vector<NamedEffect> effects =
-        with_motions(with_unmeasured_rivals(search.effects, known_effects),
+        with_motions(with_unmeasured_rivals(search.effects, known_effects, known.most_report_lag_s),
                      confusion(search, setting, last.train.torque_rms_Nm, overview, turning));
     if (slip) {
         effects.push_back(named_slip(*slip, setting));

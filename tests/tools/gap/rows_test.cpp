@@ -6,6 +6,8 @@
 #include <array>
 #include <cmath>
 
+#include "tools/gap/hypotheses/hypotheses.hpp"
+
 using namespace wheelwright;
 
 namespace {
@@ -107,4 +109,22 @@ TEST(GapRows, kept_columns_are_those_made_anew) {
         }
     }
     DOUBLES_EQUAL(0, (from_kept.wheel_power - anew.wheel_power).norm(), 1e-12 * anew.wheel_power.norm());
+}
+
+// Against friction a robot turns steadily although its torques differ: however late its speeds are reported,
+// they show nothing of that.
+TEST(GapRows, a_late_report_does_nothing_in_steady_motion) {
+    gap::Setting setting;
+    setting.geometry = {{0.08, 0.08}, 0.4};
+    setting.dynamics = {0.06, -1.5, 0.9, 4.0};
+    const gap::Hypothesis& late = gap::hypothesis_of(model::find_effect("measurement_lag"));
+    const auto column = late.columns({0.05}, setting);
+    gap::Interval interval;
+    interval.dt_s = 0.01;
+    interval.torque = interval.torque_before = {0.2, 0.5};
+    interval.before = interval.after = {4, 9};
+    WheelPair<double> last;
+    for (int i = 0; i < 200; ++i) last = column->over(interval);
+    DOUBLES_EQUAL(0, last.left, 1e-9);
+    DOUBLES_EQUAL(0, last.right, 1e-9);
 }

@@ -1,6 +1,8 @@
 // Torque that follows its command in a time.
 #pragma once
 
+#include <array>
+
 #include "tools/gap/hypotheses/hypothesis.hpp"
 
 namespace wheelwright::gap {
@@ -45,6 +47,10 @@ template <>
 struct HypothesisOf<model::ActuatorLag> : Defaults<model::ActuatorLag> {
     using Columns = ActuatorLagTerm;
     static constexpr bool kLate = true;
+    // A filter in the torque's way does the same to the wheels as one behind them.
+    static constexpr std::array kUnlessMeasured{
+        Confounder{"measurement_lag", 0,
+                   "a gyro or an accelerometer: the speeds may be told late, as late as the torque seems"}};
     // NOLINTBEGIN(readability-magic-numbers): points
     static StartingPoints starting_points(const Setting&) {
         return {{{0.006}, {0.012}, {0.025}, {0.05}, {0.1}}, alone, scaled, near_one, {0.0005}};

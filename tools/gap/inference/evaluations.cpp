@@ -184,6 +184,7 @@ void Evaluations::evaluate() {
     search_options.rivals_only = known.rivals_only;
     if (turning_) search_options.shown = known.shown;
     search_options.large_gap = known.large_gap;
+    search_options.most_report_lag_s = known.most_report_lag_s;
     search_options.white_noise = known.white_noise;
     search_options.turning = turning_;
     search_options.k7_per_kg_m = k7_per_kg_m_;

@@ -158,7 +158,8 @@ class Searcher {
     // On the blocks that select, whatever the others say.
     bool sure(const Trial& t, std::size_t tested) const {
         // by one test after Holm, and by the other at least alone; few blocks have few ranks
-        const double level = members_.empty() ? kPolicy.first_false_alarm : kPolicy.false_alarm;
+        const bool first = members_.size() == base_members_;
+        const double level = first ? kPolicy.first_false_alarm : kPolicy.false_alarm;
         const double strict = level / double(tested);
         const double rank = std::max(level, std::pow(0.5, double(t.rank_blocks)) * 1.001);
         const bool significant = (t.probability <= strict && t.rank_probability <= rank) ||

@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <functional>
+#include <limits>
 #include <optional>
 #include <string>
 #include <vector>
@@ -25,7 +26,8 @@ struct SearchOptions {
     std::vector<std::size_t> rivals_only;    // not named
     std::vector<std::size_t> shown;          // surely there, whatever the rows say
     double large_gap = kPolicy.gap;          // more left than this is not explained
-    bool white_noise = true;                 // the sensors' noise is, so that more than it is something
+    double most_report_lag_s = std::numeric_limits<double>::infinity();  // that the gyro allows
+    bool white_noise = true;  // the sensors' noise is, so that more than it is something
     bool turning = true;
     std::optional<double>
         k7_per_kg_m;  // held: nothing drives the robot forward, and the log does not tell it

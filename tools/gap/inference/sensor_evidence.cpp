@@ -48,6 +48,7 @@ Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded
         known.given[kLag] = {e.value};
         known.large_gap = kPolicy.gap_behind_lag;
     }
+    known.most_report_lag_s = sensors.gyro->lag_s + 3 * sensors.gyro->lag_error_s;
     if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
     const Bend bend = bend_of(*sensors.gyro, track_m);
     if (bend.size + 3 * bend.error < kSmallMismatch) known.excluded.push_back(kMismatch);

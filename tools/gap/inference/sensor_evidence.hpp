@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <optional>
 #include <span>
 #include <string>
@@ -24,6 +25,8 @@ struct Known {
     std::vector<std::size_t> shown;  // are there: a sensor shows it, and the rows are to tell how they act
     double large_gap = kPolicy.gap;  // more left than this is not explained
     bool white_noise = true;         // of the wheel speeds
+    // The latest that a gyro lets the wheel speeds be reported, where it does not show how late they are.
+    double most_report_lag_s = std::numeric_limits<double>::infinity();
 
     // Something is known only so well: less than `large_gap` may be left by that.
     bool roughly() const { return !given.empty() || !white_noise; }
