@@ -1,8 +1,7 @@
-// What a wheel does to a torque that rises slowly from zero, from where it begins to move. With s torque a
-// second and the rim's acceleration a per torque it has the speed a s t^2 / 2 after the time t, and has gone
-// a third of that speed times t. So the fastest speed seen, and the way to there, tell t and a: half to once
-// of it on wheels whose encoders are seen through a mean of 16 ms (ident.ProbeParts). A few operations, no
-// allocation.
+// What a wheel does to a torque that rises slowly from zero. From where it begins to move, in the time t, a
+// rise of s [Nm/s] and an acceleration a per torque give it the speed a s t^2 / 2 and take it a third of that
+// speed times t. So the fastest speed seen, and the way to there, tell t and a. Too little rather than too
+// much: friction stops the wheel while a mean of its speed still rises. A few operations, no allocation.
 #pragma once
 
 namespace wheelwright::ident {

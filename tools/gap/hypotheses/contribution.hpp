@@ -33,6 +33,9 @@ inline double mean_sign(double a, double b, double least = 0) {
     return size > 0 ? (a + b) / size : 0.0;
 }
 
+// Of the catalogue; what the sensors say of it is known before the rows are looked at.
+inline constexpr std::size_t kMeasurementLag = model::find_effect(model::MeasurementLag::info.name);
+
 struct Setting {
     model::Geometry<double> geometry;
     model::Dynamics<double> dynamics;

@@ -14,7 +14,6 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr std::size_t kReportLag = model::find_effect("measurement_lag");
 // Left and right get an amount each from so many standard errors of their difference on.
 constexpr double kApart = 4;
 // Power of a coordinate's column over that of the effect's strongest: less of it is not in the log.
@@ -331,7 +330,7 @@ bool Evidence::in_range(const Sample& sample, const Members& members, const Fit&
     }
     const auto [p, plausible] = parameters_of(candidate, amount, options_.dictionary->setting());
     if (!plausible) return false;
-    if (candidate.effect == kReportLag && p[0] > options_.most_report_lag_s) return false;
+    if (candidate.effect == kMeasurementLag && p[0] > options_.most_report_lag_s) return false;
     for (std::size_t j = 0; j < info.size(); ++j) {
         const double slack = 0.01 * (std::abs(candidate.at[j]) + 1e-6);
         if (p[j] < info[j].minimum - slack || p[j] > info[j].maximum + slack) return false;

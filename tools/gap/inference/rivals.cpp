@@ -5,11 +5,6 @@
 #include "tools/gap/hypotheses/hypotheses.hpp"
 
 namespace wheelwright::gap {
-namespace {
-
-constexpr std::size_t kReportLag = model::find_effect("measurement_lag");
-
-}  // namespace
 
 std::vector<NamedEffect> with_unmeasured_rivals(std::vector<NamedEffect> effects,
                                                 std::span<const std::size_t> excluded,
@@ -23,7 +18,7 @@ std::vector<NamedEffect> with_unmeasured_rivals(std::vector<NamedEffect> effects
             std::erase_if(e.rivals, is_rival);
             std::erase_if(e.ruled_out, is_rival);
             if (std::find(excluded.begin(), excluded.end(), rival.effect) != excluded.end()) continue;
-            if (rival.effect == kReportLag && e.parameters[0].value > most_report_lag_s) continue;
+            if (rival.effect == kMeasurementLag && e.parameters[0].value > most_report_lag_s) continue;
             rival.confounded = true;
             rival.measurement = confounder.measurement;
             rival.keeps = 1;

@@ -9,7 +9,6 @@
 namespace wheelwright::gap {
 namespace {
 
-constexpr std::size_t kLag = model::find_effect("measurement_lag");
 constexpr std::size_t kCounts = model::find_effect("encoder_quantisation");
 constexpr std::size_t kMismatch = model::find_effect("wheel_radius_mismatch");
 constexpr double kSmallMismatch = 0.004;  // of the wheels' radii
@@ -44,12 +43,13 @@ Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded
     known.white_noise = !shows(sensors.effects, kCounts) && sensors.unknown_step_rad_per_s == 0;
     if (!sensors.gyro) return known;
     for (const SensorEffect& e : sensors.effects) {
-        if (e.effect != kLag) continue;
-        known.given[kLag] = {e.value};
+        if (e.effect != kMeasurementLag) continue;
+        known.given[kMeasurementLag] = {e.value};
         known.large_gap = kPolicy.gap_behind_lag;
     }
     known.most_report_lag_s = sensors.gyro->lag_s + 3 * sensors.gyro->lag_error_s;
-    if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s) known.excluded.push_back(kLag);
+    if (known.given.empty() && 3 * sensors.gyro->lag_error_s < kShortLag_s)
+        known.excluded.push_back(kMeasurementLag);
     const Bend bend = bend_of(*sensors.gyro, track_m);
     if (bend.size + 3 * bend.error < kSmallMismatch) known.excluded.push_back(kMismatch);
     if (bend.size > kSmallMismatch + 3 * bend.error && !is_among(excluded, kMismatch))
@@ -70,7 +70,7 @@ BesideSensors beside_sensors(std::vector<NamedEffect> found, const Sensors& sens
         e.parameters[0] = estimate(value, error);
     }
     for (const SensorEffect& e : sensors.effects) {
-        if (e.effect == kLag && !known.given.contains(kLag)) continue;
+        if (e.effect == kMeasurementLag && !known.given.contains(kMeasurementLag)) continue;
         NamedEffect named;
         named.effect = e.effect;
         named.probability = 0;

@@ -5,6 +5,7 @@
 #include <type_traits>
 
 #include "sim_hal/plant.hpp"
+#include "tools/gap/hypotheses/contribution.hpp"
 #include "tools/gap/hypotheses/tyre_slip.hpp"
 
 namespace wheelwright::gap {
@@ -106,9 +107,9 @@ double free_run(const SimulatedRobot& robot, const Stretch& stretch, const Wheel
     const double period_s = double(together) * log.period_s;
     const int steps = static_cast<int>(std::ceil(period_s / step_s - 1e-9));
     // What the drives would report of it.
-    constexpr std::size_t kLag = model::find_effect("measurement_lag");
-    const model::Parameters<double> lag =
-        robot.effects.active[kLag] ? robot.effects.parameter[kLag] : model::Parameters<double>{};
+    const model::Parameters<double> lag = robot.effects.active[kMeasurementLag]
+                                              ? robot.effects.parameter[kMeasurementLag]
+                                              : model::Parameters<double>{};
     WheelPair<model::MeasurementLag::Memory<double>> late{{start_rad_per_s.left}, {start_rad_per_s.right}};
     double sum = 0;
     for (std::size_t i = stretch.first; i + together < stretch.end; i += together) {

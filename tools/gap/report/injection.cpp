@@ -73,13 +73,13 @@ WheelPair<double> drivers_torque_Nm(const SimulatedRobot& robot, const Twist<dou
 
 // As the drives tell it.
 void report_late(const model::EffectSet<double>& effects, MeasuredLog& log) {
-    constexpr std::size_t kLag = model::find_effect("measurement_lag");
-    if (!effects.active[kLag]) return;
+    if (!effects.active[kMeasurementLag]) return;
     const auto report = [&](double WheelPair<double>::*side) {
         model::MeasurementLag::Memory<double> late{log.samples.front().speed_rad_per_s.*side};
         for (MeasuredSample& s : log.samples) {
             double& speed = s.speed_rad_per_s.*side;
-            speed = model::MeasurementLag::report_speed(effects.parameter[kLag], late, speed, log.period_s);
+            speed = model::MeasurementLag::report_speed(effects.parameter[kMeasurementLag], late, speed,
+                                                        log.period_s);
         }
     };
     report(&WheelPair<double>::left);
