@@ -47,8 +47,8 @@ inline constexpr double kBitShare = 0.48;
 // Bits: the shortest still pass through 5 ms of delay and lag; the longest leave enough rows in a minute.
 inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
-// And reports of the encoders: between fewer a parabola is not how the wheel went.
-inline constexpr double kReportsInABit = 5;
+// And reports of the encoders: a parabola goes through three.
+inline constexpr double kReportsInABit = 3;
 // Torque: what fills the limits in so long a bit, or so many times the friction.
 inline constexpr double kCalmBit_s = 0.055;
 inline constexpr double kOverFriction = 12;
@@ -105,29 +105,35 @@ inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& f
            std::sqrt(kFastestObserver / 2);
 }
 
-// A wheel whose angle stays within the noise, taken over this span, may stand.
+// A wheel that turns by no more than `still_rad`, such as the noise, in the time that a speed is taken over,
+// may stand.
 inline constexpr double kStillNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
-inline double standing_speed_rad_per_s(double angle_noise_rad, int speed_span, double sample_time_s) {
-    return kStillNoises * angle_noise_rad / ((speed_span + 2) * sample_time_s);
+inline double standing_speed_rad_per_s(double still_rad, int speed_span, double sample_time_s) {
+    return still_rad / ((speed_span + 2) * sample_time_s);
 }
 
 // Over how many samples a speed is taken, and what stands: so long that a wheel which turns round with the
-// slowest acceleration, theta = a t^2 / 2, shows its sign about as long as the noise hides it. One that stays
-// within the noise for longer stands.
+// slowest acceleration, theta = a t^2 / 2, shows its sign about as long as the noise hides it, or the time
+// between reports: an angle is the mean of two reports, half a period old, and lies on a parabola to the
+// next. One that stays within that for longer stands.
 struct SpeedSpan {
     int samples{}, standing_samples{};  // as in RegressionFilterOptions
     double standing_speed_rad_per_s{};
 };
-inline SpeedSpan speed_span(double angle_noise_rad, double slowest_rad_per_s2, double sample_time_s) {
+inline SpeedSpan speed_span(double angle_noise_rad, double slowest_rad_per_s2, double sample_time_s,
+                            double report_period_s) {
     constexpr double kTurningShare = 0.8;
     constexpr double kSpanShare = 0.6;
-    const double still_rad = kStillNoises * angle_noise_rad;
+    constexpr double kHiddenReports = 1.5;
+    const double hidden_s = kHiddenReports * report_period_s;
+    const double still_rad =
+        std::max(kStillNoises * angle_noise_rad, slowest_rad_per_s2 * hidden_s * hidden_s / 2);
     const double turning_samples =
         kTurningShare * std::sqrt(2 * still_rad / slowest_rad_per_s2) / sample_time_s;
     SpeedSpan span;
     span.samples = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
     span.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
-    span.standing_speed_rad_per_s = standing_speed_rad_per_s(angle_noise_rad, span.samples, sample_time_s);
+    span.standing_speed_rad_per_s = standing_speed_rad_per_s(still_rad, span.samples, sample_time_s);
     return span;
 }
 
@@ -216,8 +222,8 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
                                       : std::max(kCouplingLength * r.track_m,
                                                  kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
 
-    const SpeedSpan span =
-        speed_span(found.angle_noise_rad, weakest_per_Nm * (s.amplitude_Nm - friction), r.sample_time_s);
+    const SpeedSpan span = speed_span(found.angle_noise_rad, weakest_per_Nm * (s.amplitude_Nm - friction),
+                                      r.sample_time_s, r.report_period_s);
     s.speed_span = span.samples;
     s.standing_samples = span.standing_samples;
     s.standing_speed_rad_per_s = span.standing_speed_rad_per_s;

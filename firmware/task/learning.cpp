@@ -220,8 +220,8 @@ void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& 
     if (noise_rad > 0) {
         options.angle_noise_rad = Real(noise_rad);
         options.filter.speed_span = kAdaptiveSpeedSpan;
-        options.filter.standing_speed_rad_per_s =
-            Real(ident::standing_speed_rad_per_s(noise_rad, kAdaptiveSpeedSpan, kCyclePeriod_s));
+        options.filter.standing_speed_rad_per_s = Real(ident::standing_speed_rad_per_s(
+            ident::kStillNoises * noise_rad, kAdaptiveSpeedSpan, kCyclePeriod_s));
     }
     options.dynamics = plant.dynamics;
     track_m_ = plant.geometry.track_m;

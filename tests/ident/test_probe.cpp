@@ -459,18 +459,31 @@ TEST(ProbeParts, what_is_given_is_obeyed_and_the_rest_follows) {
     DOUBLES_EQUAL(0.004, given.coupling_standard_error_m, 0);
 }
 
-TEST(ProbeParts, a_bit_holds_five_reports_of_the_encoders) {
+TEST(ProbeParts, a_bit_holds_three_reports_of_the_encoders) {
     ident::SizingRequest r = request();
     const ident::Sizing each_cycle = ident::size_identification(r, found());
     for (const double period_s : {0.001, 0.002}) {
         r.report_period_s = period_s;
         DOUBLES_EQUAL(each_cycle.bit_time_s, ident::size_identification(r, found()).bit_time_s, 0);
     }
-    r.report_period_s = 0.012;
+    r.report_period_s = 0.02;
     const ident::Sizing seldom = ident::size_identification(r, found());
     DOUBLES_EQUAL(0.06, seldom.bit_time_s, 1e-12);
     CHECK(each_cycle.bit_time_s < 0.06);
     CHECK(seldom.amplitude_Nm <= each_cycle.amplitude_Nm);
+}
+
+// A wheel that turns round is seen to do so as late as the reports come, however fine its encoder is.
+TEST(ProbeParts, a_wheel_may_stand_for_as_long_as_reports_hide_it) {
+    const ident::SpeedSpan noisy = ident::speed_span(1e-3, 20, 0.001, 0.001);
+    const ident::SpeedSpan fine = ident::speed_span(1e-6, 20, 0.001, 0.001);
+    const ident::SpeedSpan fine_and_seldom = ident::speed_span(1e-6, 20, 0.001, 0.01);
+    CHECK(fine.standing_speed_rad_per_s < 0.1 * noisy.standing_speed_rad_per_s);
+    CHECK(fine_and_seldom.standing_samples >= 10);
+    CHECK(fine_and_seldom.standing_samples < 20);
+    CHECK(fine_and_seldom.standing_speed_rad_per_s > 20 * 0.01);
+    DOUBLES_EQUAL(noisy.standing_speed_rad_per_s,
+                  ident::speed_span(1e-3, 20, 0.001, 0.005).standing_speed_rad_per_s, 0);
 }
 
 TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {

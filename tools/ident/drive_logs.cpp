@@ -44,7 +44,8 @@ void feed(Estimator& estimator, const std::vector<DriveLog>& logs) {
 
 // What an identification knows by its probe, here by the log: the angles' noise and, from a first estimate,
 // how gently the wheels turn round, and how much of the torque is friction.
-void size_by_log(const std::vector<DriveLog>& logs, const ident::DynamicsEstimate<double>& first,
+void size_by_log(const std::vector<DriveLog>& logs, double report_period_s,
+                 const ident::DynamicsEstimate<double>& first,
                  ident::DynamicsEstimatorOptions<double>& options) {
     double noise_rad2 = 0, torque_Nm2 = 0, cycles = 0;
     for (const DriveLog& log : logs) {
@@ -62,8 +63,9 @@ void size_by_log(const std::vector<DriveLog>& logs, const ident::DynamicsEstimat
     const double weakest_per_Nm =
         std::min(2 * first.dynamics.k7_per_kg_m, first.dynamics.k8_per_kg_m2 * g.track_m) / g.mean_radius_m();
     if (!(weakest_per_Nm > 0)) return;
-    const ident::SpeedSpan span = ident::speed_span(
-        std::sqrt(noise_rad2), weakest_per_Nm * (usual_Nm - friction_Nm), options.filter.sample_time_s);
+    const ident::SpeedSpan span =
+        ident::speed_span(std::sqrt(noise_rad2), weakest_per_Nm * (usual_Nm - friction_Nm),
+                          options.filter.sample_time_s, report_period_s);
     options.filter.speed_span = span.samples;
     options.filter.standing_samples = span.standing_samples;
     options.filter.standing_speed_rad_per_s = span.standing_speed_rad_per_s;
@@ -234,7 +236,7 @@ Findings identify_drive_logs(const std::vector<std::string>& paths, const IdentS
     ident::DynamicsEstimator<double> estimator;
     estimator.configure(options);
     feed(estimator, logs);
-    size_by_log(logs, estimator.estimate(), options);
+    size_by_log(logs, 1e-3 * setup.robot.drive.encoder_period_ms, estimator.estimate(), options);
     estimator.configure(options);
     feed(estimator, logs);
     const ident::DynamicsEstimate<double>& e = estimator.estimate();
