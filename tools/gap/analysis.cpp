@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "tools/cli/report.hpp"
+#include "tools/gap/hypotheses/hypotheses.hpp"
 #include "tools/gap/inference/evaluations.hpp"
 #include "tools/gap/inference/evidence.hpp"
 #include "tools/gap/inference/misfit.hpp"
@@ -125,7 +126,7 @@ std::optional<Denied> stands_for_a_denied_one(const Search& search,
 std::optional<Denied> not_told_from_zero(const Search& search, const Setting& setting) {
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
         const std::size_t effect = search.members[i].effect;
-        if (!search.may_be_denied(effect)) continue;
+        if (!search.may_be_denied(effect) || hypothesis_of(effect).dry) continue;
         bool known = false, told = false;
         for (const ParameterEstimate& p :
              parameters_in(search.members, i, search.after, setting, search.blocks)) {

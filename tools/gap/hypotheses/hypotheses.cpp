@@ -41,6 +41,7 @@ constexpr Hypothesis make_hypothesis() {
     }
     h.in_every_drive_train = Of::kInEveryDriveTrain;
     h.late = Of::kLate;
+    h.dry = model::Dry<Effect>;
     h.special_case_of = model::find_effect(Of::kSpecialCaseOf);
     h.unless_measured = Of::kUnlessMeasured;
     h.event = Of::kEvent;

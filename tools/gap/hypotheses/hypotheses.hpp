@@ -18,6 +18,7 @@ struct Hypothesis {
     StartingPoints (*starting_points)(const Setting&) = nullptr;
     bool in_every_drive_train = false;
     bool late = false;
+    bool dry = false;  // friction: no two laws say the same of it near standstill
     std::size_t special_case_of = model::kEffectCount;  // this: of none
     std::span<const Confounder> unless_measured;
     std::size_t event = model::kMaxEffectParameters;  // this: there is none

@@ -142,7 +142,9 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const Setting& 
         });
         const bool sure = !(probability > kMost);
         const bool is_doubted = std::find(doubted.begin(), doubted.end(), candidate.effect) != doubted.end();
-        if ((is_doubted ? sure && in_all : sure || in_all) || probability < most) continue;
+        if ((is_doubted ? sure && in_all : sure || in_all || hypothesis_of(candidate.effect).dry) ||
+            probability < most)
+            continue;
         most = probability;
         least_sure = candidate.effect;
     }
