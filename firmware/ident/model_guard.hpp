@@ -108,8 +108,8 @@ class ModelGuard {
         const Real share = options_.rate_per_s * options_.dwell_s;
         bool changed = step(dynamics_.k7_per_kg_m, trusted_.k7_per_kg_m, share * original_.k7_per_kg_m);
         changed |= step(dynamics_.k8_per_kg_m2, trusted_.k8_per_kg_m2, share * original_.k8_per_kg_m2);
-        changed |=
-            step(dynamics_.k5_m, trusted_.k5_m, share * std::max(std::abs(original_.k5_m), kLeastK5_m));
+        changed |= step(dynamics_.k5_m, trusted_.k5_m,
+                        share * std::max(std::abs(original_.k5_m), kLeastK5Share * options_.track_m));
         if (changed)
             dynamics_.k6_per_m = model::coupled_k6(dynamics_.k5_m, dynamics_.k7_per_kg_m,
                                                    dynamics_.k8_per_kg_m2, options_.track_m);
@@ -123,7 +123,8 @@ class ModelGuard {
         return changed;
     }
 
-    static constexpr Real kLeastK5_m = Real(0.01);
+    // Of the track: a robot's K5 counts as so much at least, for a share of nothing never gets anywhere.
+    static constexpr Real kLeastK5Share = Real(1) / 32;
 
     ModelGuardOptions<Real> options_{};
     model::Dynamics<Real> dynamics_{}, trusted_{}, original_{};

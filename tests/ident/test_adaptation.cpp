@@ -289,6 +289,21 @@ TEST(GuardedModel, follows_a_trusted_estimate_at_a_bounded_rate_and_dwell) {
     DOUBLES_EQUAL(model::coupled_k6(k.k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, 0.32), k.k6_per_m, 1e-12);
 }
 
+// A robot that is larger in all its lengths follows a load in the same time.
+TEST(GuardedModel, follows_K5_from_nothing_in_proportion_to_the_robot) {
+    const auto moved_in_a_second = [&](double track_m) {
+        const model::Dynamics<double> file{0, 0, 1.4, 6.7};
+        guard.configure({kDwell_s, kRate_per_s, 0.05, 3, 0.001, track_m}, file, {});
+        estimate.dynamics = file;
+        estimate.dynamics.k5_m = 0.2 * track_m;
+        run(1);
+        return guard.dynamics().k5_m / track_m;
+    };
+    const double small = moved_in_a_second(0.11);
+    CHECK(small > 0.01);
+    DOUBLES_EQUAL(small, moved_in_a_second(0.9), 1e-12);
+}
+
 TEST(GuardedModel, holds_when_the_estimate_is_uncertain_or_adaptation_is_barred) {
     estimate.dynamics.k8_per_kg_m2 = 5.0;
     estimate.standard_error.k8_per_kg_m2 = 0.6;
