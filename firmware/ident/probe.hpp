@@ -78,7 +78,6 @@ struct ProbeSample {
 struct ProbeFindings {
     IdentCause fault = IdentCause::none;
     double angle_noise_rad{};               // standard deviation of an angle while turning
-    double still_noise_rad{};               // of one at rest, of the quieter wheel
     WheelPair<double> breakaway_Nm;         // torque at which each wheel moved
     double friction_Nm{};                   // of a wheel while sliding, mean
     double k7_per_kg_m{}, k8_per_kg_m2{};   // rough
@@ -302,8 +301,6 @@ class Probe {
         if (stage_s() < kRest_s) return;
         rest_noise_rad_ =
             std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
-        found_.still_noise_rad =
-            std::sqrt(std::min(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
         const WheelPair<double> m = moved();
         if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough())
             return end(IdentCause::not_at_rest);

@@ -115,34 +115,26 @@ inline double standing_speed_rad_per_s(double still_rad, int speed_span, double 
 // Over how many samples a speed is taken, and what stands: so long that a wheel which turns round with the
 // slowest acceleration, theta = a t^2 / 2, shows its sign about as long as the noise hides it, or the time
 // between reports: an angle is the mean of two reports, half a period old, and lies on a parabola to the
-// next. One that stays within that for longer stands; with a coarse encoder within twice the noise, for its
-// steps do not average out about a reversal as they do while the wheel turns, where the noise is measured.
+// next. One that stays within that for longer stands.
 struct SpeedSpan {
     int samples{}, standing_samples{};  // as in RegressionFilterOptions
     double standing_speed_rad_per_s{};
 };
 inline SpeedSpan speed_span(double angle_noise_rad, double slowest_rad_per_s2, double sample_time_s,
-                            double report_period_s, bool coarse_encoder = false) {
+                            double report_period_s) {
     constexpr double kTurningShare = 0.8;
     constexpr double kSpanShare = 0.6;
     constexpr double kHiddenReports = 1.5;
     const double hidden_s = kHiddenReports * report_period_s;
-    const double noise_rad = kStillNoises * angle_noise_rad;
-    const double still_rad = std::max(noise_rad, slowest_rad_per_s2 * hidden_s * hidden_s / 2);
+    const double still_rad =
+        std::max(kStillNoises * angle_noise_rad, slowest_rad_per_s2 * hidden_s * hidden_s / 2);
     const double turning_samples =
         kTurningShare * std::sqrt(2 * still_rad / slowest_rad_per_s2) / sample_time_s;
     SpeedSpan span;
     span.samples = 2 * static_cast<int>(std::clamp(std::round(kSpanShare * turning_samples / 2), 1.0, 12.0));
     span.standing_samples = static_cast<int>(std::max(4.0, std::ceil(turning_samples)));
-    span.standing_speed_rad_per_s = standing_speed_rad_per_s(
-        std::max(coarse_encoder ? 2 * noise_rad : noise_rad, still_rad), span.samples, sample_time_s);
+    span.standing_speed_rad_per_s = standing_speed_rad_per_s(still_rad, span.samples, sample_time_s);
     return span;
-}
-
-// Most of the noise is there only while the wheels turn: it is an encoder's steps. Between reports that come
-// seldom it may be what a parabola leaves of the motion.
-inline bool coarse_encoder(const SizingRequest& r, const ProbeFindings& found) {
-    return found.still_noise_rad < found.angle_noise_rad / 2 && r.report_period_s < 1.5 * r.sample_time_s;
 }
 
 // Friction that the robot file does not list gets columns where they are worth it: without them K7 and K8 are
@@ -231,7 +223,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
                                                  kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
 
     const SpeedSpan span = speed_span(found.angle_noise_rad, weakest_per_Nm * (s.amplitude_Nm - friction),
-                                      r.sample_time_s, r.report_period_s, coarse_encoder(r, found));
+                                      r.sample_time_s, r.report_period_s);
     s.speed_span = span.samples;
     s.standing_samples = span.standing_samples;
     s.standing_speed_rad_per_s = span.standing_speed_rad_per_s;

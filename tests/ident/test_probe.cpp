@@ -486,21 +486,6 @@ TEST(ProbeParts, a_wheel_may_stand_for_as_long_as_reports_hide_it) {
                   ident::speed_span(1e-3, 20, 0.001, 0.005).standing_speed_rad_per_s, 0);
 }
 
-TEST(ProbeParts, steps_of_a_coarse_encoder_hide_more_than_as_much_noise) {
-    ident::SizingRequest r = request();
-    r.report_period_s = 0.001;
-    ident::ProbeFindings white = found();
-    white.still_noise_rad = white.angle_noise_rad;
-    ident::ProbeFindings steps = white;
-    steps.still_noise_rad = 0.1 * steps.angle_noise_rad;
-    const auto standing = [&](const ident::ProbeFindings& f) {
-        return ident::size_identification(r, f).standing_speed_rad_per_s;
-    };
-    DOUBLES_EQUAL(2 * standing(white), standing(steps), 1e-9);
-    r.report_period_s = 0.005;
-    DOUBLES_EQUAL(standing(white), standing(steps), 0);
-}
-
 TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
     ident::ProbeFindings heavy = found();
     heavy.friction_Nm = 6;
