@@ -7,7 +7,7 @@
 //   hold    otherwise the model stays on its way to the last trusted set
 //   revert  an estimate that is not finite or out of range: back to the robot file's set
 //   dwell   the model changes at most every `dwell_s`
-//   rate    and by at most `rate_per_s` of its value a second
+//   rate    and by at most `rate_per_s` of its value a second (K5: of 1/32 of the track, if that is more)
 //   couple  K6 always follows from the other three
 //
 // Cost: about 15 operations a cycle, 60 when the model may change. No allocation.

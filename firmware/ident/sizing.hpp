@@ -120,6 +120,8 @@ struct SpeedSpan {
     int samples{}, standing_samples{};  // as in RegressionFilterOptions
     double standing_speed_rad_per_s{};
 };
+// `angle_noise_rad`: standard deviation; `slowest_rad_per_s2`: of a wheel that turns round, > 0;
+// `report_period_s`: of the encoders, 0 where it hides nothing.
 inline SpeedSpan speed_span(double angle_noise_rad, double slowest_rad_per_s2, double sample_time_s,
                             double report_period_s) {
     constexpr double kTurningShare = 0.8;
