@@ -2,7 +2,7 @@
 // feedback linearisation has made an integrator:
 //
 //   r'     = r + lead * rate                              feed-forward: no lag behind a ramp
-//   nu     = Kp (b r' - y) + I
+//   nu     = Kp (b r' - y) + I                            kept within what the torque can reach
 //   I     += T Ki (r' - y) - kappa (nu - nu_applied)      back-calculation on the applied torque
 //
 // loop_design.hpp chooses b and kappa so that the slow pole, which an integrator brings, is driven neither by
@@ -91,11 +91,11 @@ class VelocityLoop {
                 integral_.omega_rad_per_s2};
         const WheelPair<Real> wanted = linearising_torque_Nm(plant, measured, reference.twist, nu);
         flags_ = {};
-        const WheelPair<Real> torque = limit_torque(wanted, settings_.torque_limit_Nm, flags_);
+        WheelPair<Real> torque = limit_torque(wanted, settings_.torque_limit_Nm, flags_);
         const Real ki_t = g.ki_per_s2 * settings_.cycle_s;
         integral_.v_m_per_s2 += ki_t * (led.v_m_per_s - y.v_m_per_s);
         integral_.omega_rad_per_s2 += ki_t * (led.omega_rad_per_s - y.omega_rad_per_s);
-        track(plant, wanted, torque);
+        if (flags_.torque_limited()) torque = limited(plant, measured, reference.twist, nu);
         last_ = reference;
         last_speed_ = y;
         last_torque_ = torque;
@@ -134,11 +134,34 @@ class VelocityLoop {
         return g.kp_per_s * (g.setpoint_weight * (reference + g.lead_s * rate) - y);
     }
 
+    // Whatever torque a robot needs to keep its speed, twice the whole of its torque away from there it is at
+    // the limit. What is asked beyond that does nothing, but where the two axes push each other, or the
+    // drives' gains differ, it would be taken for a push that never comes, and turn the robot.
+    [[gnu::noinline]] WheelPair<Real> limited(const PlantModel<Real>& plant,
+                                              const model::Motion<Real>& measured,
+                                              const Twist<Real>& reference, const TwistRate<Real>& asked) {
+        const Real most_Nm = 2 * 2 * settings_.torque_limit_Nm;
+        const Real most_m_per_s2 = plant.dynamics.k7_per_kg_m * most_Nm;
+        const Real most_rad_per_s2 = plant.dynamics.k8_per_kg_m2 * most_Nm;
+        const TwistRate<Real> nu{std::clamp(asked.v_m_per_s2, -most_m_per_s2, most_m_per_s2),
+                                 std::clamp(asked.omega_rad_per_s2, -most_rad_per_s2, most_rad_per_s2)};
+        const WheelPair<Real> wanted = linearising_torque_Nm(plant, measured, reference, nu);
+        const WheelPair<Real> torque = limit_torque(wanted, settings_.torque_limit_Nm, flags_);
+        lose({asked.v_m_per_s2 - nu.v_m_per_s2, asked.omega_rad_per_s2 - nu.omega_rad_per_s2});
+        track(plant, wanted, torque);
+        return torque;
+    }
+
     void track(const PlantModel<Real>& plant, const WheelPair<Real>& wanted, const WheelPair<Real>& given) {
+        lose(coupled_acceleration<Real>(
+            plant, {plant.dynamics.k7_per_kg_m * (wanted.sum() - given.sum()),
+                    plant.dynamics.k8_per_kg_m2 * (wanted.difference() - given.difference())}));
+    }
+
+    void lose(const TwistRate<Real>& not_applied) {
         const Real kappa = settings_.gains.tracking_per_cycle;
-        integral_.v_m_per_s2 -= kappa * plant.dynamics.k7_per_kg_m * (wanted.sum() - given.sum());
-        integral_.omega_rad_per_s2 -=
-            kappa * plant.dynamics.k8_per_kg_m2 * (wanted.difference() - given.difference());
+        integral_.v_m_per_s2 -= kappa * not_applied.v_m_per_s2;
+        integral_.omega_rad_per_s2 -= kappa * not_applied.omega_rad_per_s2;
     }
 
     VelocityLoopSettings<Real> settings_;

@@ -163,6 +163,53 @@ TEST(ChainVelocity, a_robot_that_backs_up_before_its_centre_of_gravity_turns_no_
     }
 }
 
+// What the torque limit does not let come pushes nothing sideways. The reference runs away from a robot whose
+// torque is short; the push that the wanted deceleration would make, were there the torque for it, is many
+// times what the wheels can do. So is the difference of two drives' gains of such a torque.
+TEST(ChainVelocity, a_lopsided_robot_with_little_torque_turns_no_faster_than_it_is_asked_to) {
+    struct Lopsided {
+        const char* effect;
+        double parameter;
+    };
+    const double track_m = chain::real().parameters.geometry.track_m;
+    for (const Lopsided& lopsided :
+         {Lopsided{"cog_lateral", 0.08 * track_m}, Lopsided{"cog_lateral", -0.08 * track_m},
+          Lopsided{"torque_gain_mismatch", 0.12}, Lopsided{"torque_gain_mismatch", -0.12}}) {
+        const std::size_t effect = model::find_effect(lopsided.effect);
+        model::RobotParameters real = chain::real().parameters;
+        real.effects.active[effect] = true;
+        real.effects.parameter[effect] = {lopsided.parameter};
+        model::RobotParameters known = chain::identified();
+        known.effects.active[effect] = true;
+        known.effects.parameter[effect] = {0.95 * lopsided.parameter};
+        known.limits.torque_Nm = 1.0;  // about 1 m/s^2, where the reference changes by several
+        for (const double way : {-1.0, 1.0}) {
+            for (const Twist<double> then : {Twist<double>{}, Twist<double>{-1.2, 2.0}}) {
+                Simulation sim(known, real, chain::options(7));
+                sim.run_for(0.5);
+                sim.host().velocity({way * 1.2, 0.4});
+                CHECK(enter_mode(sim, protocol::Mode::velocity));
+                sim.run_for(4);
+                DOUBLES_EQUAL(way * 1.2, sim.world().twist().v_m_per_s, 0.03);
+                sim.host().velocity({way * then.v_m_per_s, then.omega_rad_per_s});
+                double fastest_rad_per_s = 0, backwards_rad_per_s = 0;
+                for (int i = 0; i < 5000; ++i) {
+                    sim.run_for(1e-3);
+                    const double omega = sim.world().twist().omega_rad_per_s;
+                    fastest_rad_per_s = std::max(fastest_rad_per_s, omega);
+                    backwards_rad_per_s = std::min(backwards_rad_per_s, omega);
+                }
+                std::printf("%s %+.2f, %+.1f m/s, then %+.1f, %.1f: turns by %.2f to %.2f rad/s\n",
+                            lopsided.effect, lopsided.parameter, way * 1.2, way * then.v_m_per_s,
+                            then.omega_rad_per_s, backwards_rad_per_s, fastest_rad_per_s);
+                CHECK(sim.cycle().supervisor().mode() == protocol::Mode::velocity);
+                CHECK(fastest_rad_per_s < 1.05 * std::max(0.4, then.omega_rad_per_s));
+                CHECK(backwards_rad_per_s > -0.03);
+            }
+        }
+    }
+}
+
 // Eq (69)-(72). Note 6: sampled at 1 kHz with a hold, 1 / 2 / 3 ms of delay give 17.7 / 24.7 / 42.9 %. The
 // chain's delay lies between 1 and 2 ms, and the observer adds its own.
 TEST(ChainVelocity, the_papers_gains_overshoot_as_their_delay_predicts) {
