@@ -170,12 +170,25 @@ void MotionControl::drive(const Observed& now, control::VelocityReference<Real> 
     out.limits.add(loop_.flags());
 }
 
+// Whether the torque is at its limit and the reference would leave the robot behind: they wait for each
+// other, so that the robot stays on its way to a target of the same curvature.
+bool MotionControl::runs_away(const Twist<Real>& target, const Twist<Real>& measured) const {
+    const control::LimiterFlags limited = loop_.flags();
+    const Twist<Real>& reference = limiter_.now();
+    const auto ahead = [](Real to, Real from, Real robot) { return (to - from) * (from - robot) > 0; };
+    return (limited.has(control::Limiter::torque_sum) &&
+            ahead(target.v_m_per_s, reference.v_m_per_s, measured.v_m_per_s)) ||
+           (limited.has(control::Limiter::torque_difference) &&
+            ahead(target.omega_rad_per_s, reference.omega_rad_per_s, measured.omega_rad_per_s));
+}
+
 MotionOutput MotionControl::follow(const Observed& now, const Twist<Real>& wanted) {
     MotionOutput out;
     const Twist<Real> scaled =
         control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
                                Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
-    drive(now, {limiter_.step(scaled, now.elapsed_s, out.limits), {}}, out);
+    const Real step_s = runs_away(scaled, now.motion.twist) ? Real(0) : now.elapsed_s;
+    drive(now, {limiter_.step(scaled, step_s, out.limits), {}}, out);
     return out;
 }
 

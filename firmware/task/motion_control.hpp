@@ -87,6 +87,7 @@ class MotionControl {
     // Towards the reference, as far as the robot can be held there.
     void drive(const Observed& now, control::VelocityReference<Real> reference, MotionOutput& out);
     MotionOutput drive_to(const Observed& now, const HostLink& host);
+    bool runs_away(const Twist<Real>& target, const Twist<Real>& measured) const;
     MotionOutput follow(const Observed& now, const Twist<Real>& wanted);
     MotionOutput track(const Observed& now, const HostLink& host, bool dither);
     void begin_path(const Observed& now);
