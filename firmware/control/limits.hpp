@@ -58,10 +58,8 @@ constexpr Twist<Real> scale_jointly(const Twist<Real>& wanted, Real speed_limit_
 }
 
 // Keeps both wheel torques within +-limit. In terms of s = right + left and d = right - left the limit is
-// |s| + |d| <= 2 limit. Priority: turning first, for it keeps the robot on its path, but the sum keeps at
-// least `kSumShare` of the whole if it asks for that much. Neither changes its sign.
-inline constexpr double kSumShare = 0.3;
-
+// |s| + |d| <= 2 limit. Each of them gets what it asks for up to a half of that, and what the other one
+// leaves: hold_yaw_rate() counts on it. Neither changes its sign.
 template <typename Real>
 constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, Real limit_Nm, LimiterFlags& flags) {
     const Real whole = 2 * std::max(limit_Nm, Real(0));
@@ -70,29 +68,34 @@ constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, Real li
     const Real sum_size = std::abs(sum);
     const Real difference_size = std::abs(difference);
     if (sum_size + difference_size <= whole) return wanted_Nm;
-    const Real kept_for_sum = std::min(sum_size, Real(kSumShare) * whole);
-    const Real d = std::min(difference_size, whole - kept_for_sum);
+    const Real half = whole / 2;
+    const Real d = std::min(difference_size, whole - std::min(sum_size, half));
     const Real s = std::min(sum_size, whole - d);
     if (d < difference_size) flags.set(Limiter::torque_difference);
     if (s < sum_size) flags.set(Limiter::torque_sum);
     const Real signed_s = std::copysign(s, sum);
     const Real signed_d = std::copysign(d, difference);
-    const Real half = whole / 2;  // rounding must not leave the limit
+    // rounding must not leave the limit
     return {std::clamp((signed_s - signed_d) / 2, -half, half),
             std::clamp((signed_s + signed_d) / 2, -half, half)};
 }
 
-// A robot that moves away from its centre of gravity, K6 v > 0 in eq (43), turns ever faster by itself: above
-// a certain yaw rate no torque holds it. Keeps the wanted one to where half of the torque does, which leaves
-// the other half for slowing down. v is the measured speed; the limit is a wheel's.
+// A robot that turns about a point beside its centre of gravity is pushed off it, K5 omega^2 in eq (43); one
+// that moves away from its centre of gravity, K6 v > 0, turns ever faster by itself. Above a certain yaw rate
+// no torque holds it. Keeps the wanted one to where half of the torque does, which leaves the other half for
+// the rest. v is the measured speed; the limit is a wheel's.
 template <typename Real>
 constexpr Real hold_yaw_rate(Real omega_rad_per_s, Real v_m_per_s, const model::Dynamics<Real>& k,
                              Real limit_Nm, LimiterFlags& flags) {
-    const Real grows_per_s = k.k6_per_m * v_m_per_s;
-    const Real most = k.k8_per_kg_m2 * std::max(limit_Nm, Real(0));
-    if (!(grows_per_s * std::abs(omega_rad_per_s) > most)) return omega_rad_per_s;
+    const Real size = std::abs(omega_rad_per_s);
+    const Real grows_Nm_s = k.k7_per_kg_m * std::max(k.k6_per_m * v_m_per_s, Real(0));
+    const Real pushes_Nm_s2 = k.k8_per_kg_m2 * std::abs(k.k5_m);
+    const Real most_Nm = k.k7_per_kg_m * k.k8_per_kg_m2 * std::max(limit_Nm, Real(0));
+    if (!((pushes_Nm_s2 * size + grows_Nm_s) * size > most_Nm)) return omega_rad_per_s;
     flags.set(Limiter::yaw_rate);
-    return std::copysign(most / grows_per_s, omega_rad_per_s);
+    if (!(most_Nm > 0)) return 0;
+    const Real root = std::sqrt(grows_Nm_s * grows_Nm_s + 4 * pushes_Nm_s2 * most_Nm);
+    return std::copysign(2 * most_Nm / (grows_Nm_s + root), omega_rad_per_s);
 }
 
 // The changes of speed and yaw rate that the limits and half of the torque allow: one half for speed and one

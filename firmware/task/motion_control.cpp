@@ -43,6 +43,9 @@ void MotionControl::configure(const model::RobotParameters& parameters) {
     plant_ = control::plant_model<Real>(parameters);
     limiter_.configure(Real(parameters.limits.acceleration_m_per_s2),
                        Real(parameters.limits.yaw_acceleration_rad_per_s2));
+    const auto [usual, usual_yaw] = control::usual_acceleration(parameters);
+    waiting_share_ = Real(std::min(usual / parameters.limits.acceleration_m_per_s2,
+                                   usual_yaw / parameters.limits.yaw_acceleration_rad_per_s2));
     pose_.configure(control::pose_control_settings<Real>(parameters));
     pace_limits_ = control::pace_limits<Real>(parameters);
     tracker_.configure(pace_limits_.tracking);
@@ -170,8 +173,9 @@ void MotionControl::drive(const Observed& now, control::VelocityReference<Real> 
     out.limits.add(loop_.flags());
 }
 
-// Whether the torque is at its limit and the reference would leave the robot behind: they wait for each
-// other, so that the robot stays on its way to a target of the same curvature.
+// Whether the torque is at its limit and the reference leaves the robot behind. It waits then, so that the
+// robot stays on its way to a target of the same curvature; but not for ever, for one axis may need the other
+// to move.
 bool MotionControl::runs_away(const Twist<Real>& target, const Twist<Real>& measured) const {
     const control::LimiterFlags limited = loop_.flags();
     const Twist<Real>& reference = limiter_.now();
@@ -187,7 +191,7 @@ MotionOutput MotionControl::follow(const Observed& now, const Twist<Real>& wante
     const Twist<Real> scaled =
         control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
                                Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
-    const Real step_s = runs_away(scaled, now.motion.twist) ? Real(0) : now.elapsed_s;
+    const Real step_s = runs_away(scaled, now.motion.twist) ? waiting_share_ * now.elapsed_s : now.elapsed_s;
     drive(now, {limiter_.step(scaled, step_s, out.limits), {}}, out);
     return out;
 }

@@ -105,6 +105,7 @@ class MotionControl {
     bool loops_drive_ = false;  // they gave the last cycle's torque
     control::Dither<Real> dither_;
     control::TwistRateLimiter<Real> limiter_;
+    Real waiting_share_ = 1;  // of its accelerations, where the torque is short
     control::PoseController<Real> pose_;
     control::TrajectoryTracker<Real> tracker_;
     control::StreamedReference<Real> streamed_;

@@ -49,7 +49,7 @@ TEST(Limits, JointScalingKeepsTheCurvatureAndTheLimitsAndEnlargesNothing) {
     }
 }
 
-TEST(Limits, TorquesStayInTheBoxTurningHasPriorityAndTheSumKeepsItsShare) {
+TEST(Limits, TorquesStayInTheBoxAndSumAndDifferenceEachKeepAHalf) {
     bench::Noise noise(12);
     const double limit = 5;
     for (int i = 0; i < 20'000; ++i) {
@@ -69,10 +69,8 @@ TEST(Limits, TorquesStayInTheBoxTurningHasPriorityAndTheSumKeepsItsShare) {
             CHECK(got.left == wanted.left && got.right == wanted.right);
         } else {
             DOUBLES_EQUAL(2 * limit, std::abs(sum) + std::abs(difference), 1e-9);  // nothing is given away
-            if (std::abs(wanted.sum()) >= 3) CHECK(std::abs(sum) >= 3 - 1e-12);    // 30 % of 10 Nm
-            if (std::abs(wanted.difference()) <= 7) {
-                DOUBLES_EQUAL(wanted.difference(), difference, 1e-12);
-            }
+            CHECK(std::abs(sum) >= std::min(std::abs(wanted.sum()), limit) - 1e-12);
+            CHECK(std::abs(difference) >= std::min(std::abs(wanted.difference()), limit) - 1e-12);
         }
     }
 }
@@ -182,22 +180,26 @@ TEST(Limits, AYawRateLimitBelowZeroMeansZeroToo) {
     }
 }
 
-// Judged by eq (43): the torque that would stop the yaw rate from growing.
-TEST(Limits, ATurnThatGrowsByItselfIsKeptToWhatHalfOfTheTorqueHolds) {
+// Judged by eq (43): the torque that would keep the speed, and stop the yaw rate from growing.
+TEST(Limits, ATurnThatPushesOrGrowsByItselfIsKeptToWhatHalfOfTheTorqueHolds) {
     bench::Noise noise(43);
     int held = 0;
     for (int i = 0; i < 10'000; ++i) {
         const double limit_Nm = 0.1 + 10 * noise.uniform();
-        const model::Dynamics<double> k{0, 6 * noise.uniform() - 3, 1, 0.01 + 10 * noise.uniform()};
+        const model::Dynamics<double> k{i % 3 == 0 ? 0 : pick(noise, 0.5), i % 3 == 1 ? 0 : pick(noise, 3),
+                                        0.01 + 3 * noise.uniform(), 0.01 + 10 * noise.uniform()};
         const double v = pick(noise, 2), omega = pick(noise, 4);
         LimiterFlags flags;
         const double kept = hold_yaw_rate(omega, v, k, limit_Nm, flags);
-        const auto needed_Nm = [&](double yaw_rate) { return k.k6_per_m * v * yaw_rate / k.k8_per_kg_m2; };
-        const bool grows = needed_Nm(omega) * omega > 0;
-        const bool too_much = grows && std::abs(needed_Nm(omega)) > limit_Nm;
+        const auto needed_Nm = [&](double yaw_rate) {
+            const double sum = std::abs(k.k5_m * yaw_rate * yaw_rate / k.k7_per_kg_m);
+            const double difference = k.k6_per_m * v * yaw_rate / k.k8_per_kg_m2;
+            return sum + (difference * yaw_rate > 0 ? std::abs(difference) : 0);
+        };
+        const bool too_much = needed_Nm(omega) > limit_Nm;  // of twice the limit, for both wheels
         CHECK_EQUAL(too_much, flags.has(Limiter::yaw_rate));
         if (too_much) {
-            DOUBLES_EQUAL(limit_Nm, std::abs(needed_Nm(kept)), 1e-9 * limit_Nm);
+            DOUBLES_EQUAL(limit_Nm, needed_Nm(kept), 1e-9 * limit_Nm);
             CHECK(kept * omega > 0);
             ++held;
         } else {
@@ -207,6 +209,7 @@ TEST(Limits, ATurnThatGrowsByItselfIsKeptToWhatHalfOfTheTorqueHolds) {
     CHECK(held > 500);
     LimiterFlags flags;
     DOUBLES_EQUAL(0, hold_yaw_rate(1.0, -1.0, model::Dynamics<double>{0, -1, 1, 1}, -1.0, flags), 0);
+    DOUBLES_EQUAL(0, hold_yaw_rate(1.0, 1.0, model::Dynamics<double>{0.1, -1, 1, 1}, -1.0, flags), 0);
 }
 
 TEST(Limits, EachLimiterHasAName) {
