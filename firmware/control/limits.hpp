@@ -57,33 +57,46 @@ constexpr Twist<Real> scale_jointly(const Twist<Real>& wanted, Real speed_limit_
             std::clamp(wanted.omega_rad_per_s * factor, -w_limit, w_limit)};
 }
 
-// Keeps both wheel torques within +-limit. In terms of s = right + left and d = right - left the limit is
-// |s| + |d| <= 2 limit. Each of them gets what it asks for up to a half of that, and what the other one
-// leaves: hold_yaw_rate() counts on it. Neither changes its sign.
 template <typename Real>
-constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, Real limit_Nm, LimiterFlags& flags) {
-    const Real whole = 2 * std::max(limit_Nm, Real(0));
-    const Real sum = wanted_Nm.sum();
-    const Real difference = wanted_Nm.difference();
-    const Real sum_size = std::abs(sum);
-    const Real difference_size = std::abs(difference);
-    if (sum_size + difference_size <= whole) return wanted_Nm;
-    const Real half = whole / 2;
-    const Real d = std::min(difference_size, whole - std::min(sum_size, half));
-    const Real s = std::min(sum_size, whole - d);
-    if (d < difference_size) flags.set(Limiter::torque_difference);
-    if (s < sum_size) flags.set(Limiter::torque_sum);
-    const Real signed_s = std::copysign(s, sum);
-    const Real signed_d = std::copysign(d, difference);
-    // rounding must not leave the limit
-    return {std::clamp((signed_s - signed_d) / 2, -half, half),
-            std::clamp((signed_s + signed_d) / 2, -half, half)};
+constexpr bool within_limit(const WheelPair<Real>& torque_Nm, Real limit_Nm) {
+    return std::abs(torque_Nm.sum()) + std::abs(torque_Nm.difference()) <= 2 * limit_Nm;
 }
 
-// A robot that turns about a point beside its centre of gravity is pushed off it, K5 omega^2 in eq (43); one
-// that moves away from its centre of gravity, K6 v > 0, turns ever faster by itself. Above a certain yaw rate
-// no torque holds it. Keeps the wanted one to where half of the torque does, which leaves the other half for
-// the rest. v is the measured speed; the limit is a wheel's.
+// Keeps both wheel torques within +-limit. In terms of s = right + left and d = right - left the limit is
+// |s| + |d| <= 2 limit. What of the wanted torque only holds the motion, that it may not grow by itself,
+// comes first. Of the rest, turning first, for it keeps the robot on its path, but the sum keeps at least
+// `kSumShare` if it asks for that much. Neither is enlarged, nor changes its sign.
+inline constexpr double kSumShare = 0.3;
+
+template <typename Real>
+constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, const WheelPair<Real>& holding_Nm,
+                                       Real limit_Nm, LimiterFlags& flags) {
+    if (within_limit(wanted_Nm, limit_Nm)) return wanted_Nm;
+    const Real half = std::max(limit_Nm, Real(0));
+    const Real whole = 2 * half;
+    const Real sum = wanted_Nm.sum();
+    const Real difference = wanted_Nm.difference();
+    const auto part = [](Real holding, Real wanted) {
+        return holding * wanted > 0 ? std::abs(holding) : Real(0);
+    };
+    const Real holds_sum = part(holding_Nm.sum(), sum);
+    const Real holds = holds_sum + part(holding_Nm.difference(), difference);
+    const Real for_sum =
+        holds < whole ? holds_sum + Real(kSumShare) * (whole - holds) : holds_sum * whole / holds;
+    const Real most_d = whole - std::min(for_sum, std::abs(sum));
+    const Real d = std::clamp(difference, -most_d, most_d);
+    const Real most_s = whole - std::abs(d);
+    const Real s = std::clamp(sum, -most_s, most_s);
+    if (d != difference) flags.set(Limiter::torque_difference);
+    if (s != sum) flags.set(Limiter::torque_sum);
+    // rounding must not leave the limit
+    return {std::clamp((s - d) / 2, -half, half), std::clamp((s + d) / 2, -half, half)};
+}
+
+// A robot that turns is pushed towards its centre of gravity, K5 omega^2 in eq (43); one that moves away from
+// it, K6 v > 0, turns ever faster by itself. Above a certain yaw rate no torque holds it. Keeps the wanted
+// one to where half of the torque does, which leaves the other half for the rest. v is the measured speed;
+// the limit is a wheel's.
 template <typename Real>
 constexpr Real hold_yaw_rate(Real omega_rad_per_s, Real v_m_per_s, const model::Dynamics<Real>& k,
                              Real limit_Nm, LimiterFlags& flags) {

@@ -91,11 +91,11 @@ class VelocityLoop {
                 integral_.omega_rad_per_s2};
         const WheelPair<Real> wanted = linearising_torque_Nm(plant, measured, reference.twist, nu);
         flags_ = {};
-        WheelPair<Real> torque = limit_torque(wanted, settings_.torque_limit_Nm, flags_);
+        const bool within = within_limit(wanted, settings_.torque_limit_Nm);
         const Real ki_t = g.ki_per_s2 * settings_.cycle_s;
         integral_.v_m_per_s2 += ki_t * (led.v_m_per_s - y.v_m_per_s);
         integral_.omega_rad_per_s2 += ki_t * (led.omega_rad_per_s - y.omega_rad_per_s);
-        if (flags_.torque_limited()) torque = limited(plant, measured, reference.twist, nu);
+        const WheelPair<Real> torque = within ? wanted : limited(plant, measured, reference.twist, nu);
         last_ = reference;
         last_speed_ = y;
         last_torque_ = torque;
@@ -146,7 +146,12 @@ class VelocityLoop {
         const TwistRate<Real> nu{std::clamp(asked.v_m_per_s2, -most_m_per_s2, most_m_per_s2),
                                  std::clamp(asked.omega_rad_per_s2, -most_rad_per_s2, most_rad_per_s2)};
         const WheelPair<Real> wanted = linearising_torque_Nm(plant, measured, reference, nu);
-        const WheelPair<Real> torque = limit_torque(wanted, settings_.torque_limit_Nm, flags_);
+        const WheelPair<Real> steady = linearising_torque_Nm(plant, measured, reference, TwistRate<Real>{});
+        const auto holds = [](Real torque, Real speed) { return torque * speed < 0 ? torque : Real(0); };
+        const Real s = holds(steady.sum(), measured.twist.v_m_per_s);
+        const Real d = holds(steady.difference(), measured.twist.omega_rad_per_s);
+        const WheelPair<Real> holding{(s - d) / 2, (s + d) / 2};
+        const WheelPair<Real> torque = limit_torque(wanted, holding, settings_.torque_limit_Nm, flags_);
         lose({asked.v_m_per_s2 - nu.v_m_per_s2, asked.omega_rad_per_s2 - nu.omega_rad_per_s2});
         track(plant, wanted, torque);
         return torque;

@@ -163,6 +163,39 @@ TEST(ChainVelocity, a_robot_that_backs_up_before_its_centre_of_gravity_turns_no_
     }
 }
 
+// The same robot, with less torque, while it turns and gains speed backwards: what keeps the turn from
+// growing comes before what accelerates.
+TEST(ChainVelocity, a_robot_that_backs_up_ever_faster_turns_no_faster_than_it_is_asked_to) {
+    model::RobotParameters real = chain::real().parameters;
+    real.effects = {};
+    model::Dynamics<double>& k = real.dynamics;
+    k.k5_m = 0.13;
+    k.k6_per_m = model::coupled_k6(k.k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, real.geometry.track_m);
+    model::RobotParameters known = chain::identified();
+    known.dynamics = tools::as_seen_with(k, real.geometry, known.geometry);
+    known.effects = {};
+    known.limits.torque_Nm = 0.5;
+    for (const double turn : {-1.0, 1.0}) {
+        Simulation sim(known, real, chain::options(5));
+        sim.run_for(0.5);
+        sim.host().velocity({-0.3, turn * 2.0});
+        CHECK(enter_mode(sim, protocol::Mode::velocity));
+        sim.run_for(4);
+        sim.host().velocity({-1.6, turn * 2.0});
+        double fastest_rad_per_s = 0;
+        for (int i = 0; i < 6000; ++i) {
+            sim.run_for(1e-3);
+            fastest_rad_per_s = std::max(fastest_rad_per_s, std::abs(sim.world().twist().omega_rad_per_s));
+        }
+        const Twist<double>& last = sim.world().twist();
+        std::printf("asked -1.6 m/s, %+.1f rad/s: %+.2f, %+.2f, at most %.2f\n", turn * 2.0, last.v_m_per_s,
+                    last.omega_rad_per_s, fastest_rad_per_s);
+        CHECK(sim.cycle().supervisor().mode() == protocol::Mode::velocity);
+        CHECK(fastest_rad_per_s < 1.05 * 2.0);
+        DOUBLES_EQUAL(-1.6, last.v_m_per_s, 0.03);
+    }
+}
+
 // A robot that turns is pushed towards its centre of gravity, here far ahead of the axle or behind it, and
 // one that moves that way straightens by itself. Little torque is left, and no friction brakes: with seven
 // tenths of the torque for turning first, this one went on at 0.8 m/s, asked for 0.3.
