@@ -83,17 +83,18 @@ bool surely_positive(const std::vector<double>& values, double significance) {
 bool surely_as_predicted(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
                          double significance) {
     constexpr double kLeast = 1.0 / 3;
-    const double degrees = static_cast<double>(gain.size()) - 1;
     const double all_apart = std::accumulate(apart.begin(), apart.end(), 0.0);
-    if (degrees < 1 || !(all_apart > 0)) return false;
+    // blocks count as far as they tell: where a few hold all that the two differ by, those have to agree
+    const double telling =
+        all_apart * all_apart / std::inner_product(apart.begin(), apart.end(), apart.begin(), 0.0);
+    if (!(telling >= 2)) return false;
     const double share = std::accumulate(gain.begin(), gain.end(), 0.0) / all_apart;
-    // a block's gain is as far off as chance makes it: by twice the root of what is apart and the variance
     double spread = 0;
-    for (std::size_t b = 0; b < gain.size(); ++b)
-        spread += std::pow(gain[b] - share * apart[b], 2) / std::max(apart[b], variance);
-    spread = std::max(spread / degrees, 4 * variance);
+    for (std::size_t b = 0; b < gain.size(); ++b) spread += std::pow(gain[b] - share * apart[b], 2);
+    // chance alone makes a gain as far off as twice the root of what is apart and the variance
+    spread = std::max(spread / all_apart * telling / (telling - 1), 4 * variance);
     return share > kLeast &&
-           t_probability((share + 1) / std::sqrt(spread / all_apart), degrees) <= significance;
+           t_probability((share + 1) / std::sqrt(spread / all_apart), telling - 1) <= significance;
 }
 
 }  // namespace wheelwright::gap

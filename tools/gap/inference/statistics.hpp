@@ -29,7 +29,8 @@ bool surely_positive(const std::vector<double>& values, double significance);
 // than nothing if the other is. Whether it is surely rather the one: the gain is a third of what is predicted
 // at least, and off the other's by more than chance, two-sided at `significance`. Both have one value for a
 // block, in units of the rows' noise; `variance` of what neither predicts is the least that is believed.
-// Fewer than two blocks, or models that predict the same: no.
+// Blocks count as far as the two are apart there (Kish's effective number): fewer than two, or models that
+// predict the same: no.
 bool surely_as_predicted(const std::vector<double>& gain, const std::vector<double>& apart, double variance,
                          double significance);
 
