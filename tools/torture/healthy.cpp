@@ -125,6 +125,7 @@ class Driver {
             rest();
         }
         result_.driven_s = sim.time_s();
+        result_.fastest_in = at(fastest_s_, fastest_mode_);
     }
 
   private:
@@ -153,17 +154,35 @@ class Driver {
     }
 
     void note(Mode mode, const std::string& what) {
-        result_.trips.push_back(std::to_string(scene_.sim().time_s()) + " s, " +
-                                std::string(protocol::to_string_view(mode)) + ": " + what);
+        result_.trips.push_back(at(scene_.sim().time_s(), mode) + ": " + what);
+    }
+
+    static std::string at(double time_s, Mode mode) {
+        return std::to_string(time_s) + " s, " + std::string(protocol::to_string_view(mode));
     }
 
     // Runs on in a mode, which must not be left. False: it was.
     bool stay(Mode mode, double duration_s) {
         const auto& supervisor = scene_.sim().cycle().supervisor();
         const auto stopped = [&] { return supervisor.mode() == Mode::fault; };
-        if (!scene_.sim().run_until(stopped, duration_s, ground())) return true;
+        const auto step = [&] {
+            if (ground_) ground_->step();
+            look_at_speed(mode);
+        };
+        if (!scene_.sim().run_until(stopped, duration_s, step)) return true;
         if (!rushed()) note(mode, std::string(protocol::to_string_view(supervisor.fault())));
         return false;
+    }
+
+    void look_at_speed(Mode mode) {
+        const auto& limits = scene_.setup().believed.limits;
+        const Twist<double>& twist = scene_.sim().world().twist();
+        const double share = std::max(std::abs(twist.v_m_per_s) / limits.speed_m_per_s,
+                                      std::abs(twist.omega_rad_per_s) / limits.yaw_rate_rad_per_s);
+        if (share <= result_.fastest) return;
+        result_.fastest = share;
+        fastest_s_ = scene_.sim().time_s();
+        fastest_mode_ = mode;
     }
 
     // Down a slope, say, truly faster than its limits: that is no false trip.
@@ -261,6 +280,8 @@ class Driver {
     HealthyResult& result_;
     sim::Random random_;
     std::optional<Ground> ground_;
+    double fastest_s_ = 0;
+    Mode fastest_mode_ = Mode::idle;
 };
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Normal driving, for hours: nothing is wrong, and nothing may trip.
+// Normal driving, for hours: nothing is wrong, nothing may trip, and no robot may run away from its limits.
 #pragma once
 
 #include <cstddef>
@@ -15,6 +15,8 @@ struct HealthyResult {
     std::size_t drives = 0;          // modes entered
     std::size_t refused = 0;         // modes that were not entered
     std::vector<std::string> trips;  // "1234.5 s, velocity: over_speed"
+    double fastest = 0;              // true speed or yaw rate over its limit, where the model is known
+    std::string fastest_in;          // "1234.5 s, velocity"
 };
 
 // One robot, identified well, for a time: idle, velocities, goals, paths, adaptation and identification in
@@ -26,5 +28,6 @@ HealthyResult drive_healthy(std::uint64_t seed, double duration_s, bool rough = 
 
 inline constexpr std::size_t kHealthyRobots = 20;
 inline constexpr double kHealthyLoss = 0.001;  // of the frames
+inline constexpr double kHealthySpeed = 1.2;   // of its limits, adaptive mode dithers; not on rough ground
 
 }  // namespace wheelwright::tools

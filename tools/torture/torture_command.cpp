@@ -226,9 +226,8 @@ int run_healthy(const Options& options) {
                 count(i);
             });
     }
-    double driven_s = 0;
-    std::size_t drives = 0;
-    std::size_t trips = 0;
+    double driven_s = 0, fastest = 0;
+    std::size_t drives = 0, trips = 0, runaways = 0;
     for (const HealthyResult& result : results) {
         driven_s += result.driven_s;
         drives += result.drives;
@@ -236,10 +235,17 @@ int run_healthy(const Options& options) {
         for (const std::string& trip : result.trips)
             std::printf("robot %llu (%s): %s\n", static_cast<unsigned long long>(result.seed),
                         result.robot.c_str(), trip.c_str());
+        fastest = std::max(fastest, result.fastest);
+        if (options.rough || result.fastest <= kHealthySpeed) continue;
+        ++runaways;
+        std::printf("robot %llu (%s): %s: %.2f of its limits\n", static_cast<unsigned long long>(result.seed),
+                    result.robot.c_str(), result.fastest_in.c_str(), result.fastest);
     }
-    std::printf("%.2f hours on %zu robots, %zu drives, %.1f %% of the frames lost: %zu false trips\n",
-                driven_s / 3600, robots, drives, 100 * kHealthyLoss, trips);
-    return trips == 0 && !interrupted() ? kDone : kAimMissed;
+    std::printf(
+        "%.2f hours on %zu robots, %zu drives, %.1f %% of the frames lost: %zu false trips; at most "
+        "%.2f of a limit of speed\n",
+        driven_s / 3600, robots, drives, 100 * kHealthyLoss, trips, fastest);
+    return trips + runaways == 0 && !interrupted() ? kDone : kAimMissed;
 }
 
 int run_hostile(const Options& options) {
