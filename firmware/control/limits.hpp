@@ -82,8 +82,8 @@ constexpr WheelPair<Real> limit_torque(const WheelPair<Real>& wanted_Nm, const W
     const Real holds_sum = part(holding_Nm.sum(), sum);
     const Real holds = holds_sum + part(holding_Nm.difference(), difference);
     const Real for_sum =
-        holds < whole ? holds_sum + Real(kSumShare) * (whole - holds) : holds_sum * whole / holds;
-    const Real most_d = whole - std::min(for_sum, std::abs(sum));
+        holds > whole ? holds_sum * (whole / holds) : holds_sum + Real(kSumShare) * (whole - holds);
+    const Real most_d = std::max(whole - std::min(for_sum, std::abs(sum)), Real(0));
     const Real d = std::clamp(difference, -most_d, most_d);
     const Real most_s = whole - std::abs(d);
     const Real s = std::clamp(sum, -most_s, most_s);

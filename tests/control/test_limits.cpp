@@ -150,6 +150,7 @@ TEST(Limits, ALimitOfZeroOrLessMeansZeroAndNotUnlimited) {
     LimiterFlags flags;
     const auto torque = limit_torque(WheelPair<double>{3, -2}, {}, -1.0, flags);
     CHECK(torque.left == 0 && torque.right == 0);
+    CHECK(flags.has(Limiter::torque_sum) && flags.has(Limiter::torque_difference));
     const auto twist = scale_jointly(Twist<double>{3, -2}, 0.0, 1.0, flags);
     CHECK(twist.v_m_per_s == 0 && twist.omega_rad_per_s == 0);
     const auto negative = scale_jointly(Twist<double>{3, -2}, -1.0, -1.0, flags);
@@ -163,8 +164,10 @@ TEST(Limits, TheyHoldInSinglePrecisionToo) {
     bench::Noise noise(14);
     for (int i = 0; i < 5000; ++i) {
         LimiterFlags flags;
-        const auto t =
-            limit_torque(WheelPair<float>{float(pick(noise, 5)), float(pick(noise, 5))}, {}, 5.0F, flags);
+        const WheelPair<float> wanted{float(pick(noise, 5)), float(pick(noise, 5))};
+        // also where one axis holds more than there is, and the other nothing
+        const float holds = float(pick(noise, 9));
+        const auto t = limit_torque(wanted, {holds, i % 2 == 0 ? holds : float(pick(noise, 9))}, 5.0F, flags);
         CHECK(std::abs(t.left) <= 5.0F && std::abs(t.right) <= 5.0F);
     }
 }
