@@ -57,6 +57,7 @@ constexpr Twist<Real> scale_jointly(const Twist<Real>& wanted, Real speed_limit_
             std::clamp(wanted.omega_rad_per_s * factor, -w_limit, w_limit)};
 }
 
+// Whether neither wheel's torque is beyond +-limit.
 template <typename Real>
 constexpr bool within_limit(const WheelPair<Real>& torque_Nm, Real limit_Nm) {
     return std::abs(torque_Nm.sum()) + std::abs(torque_Nm.difference()) <= 2 * limit_Nm;

@@ -163,18 +163,30 @@ TEST(ChainVelocity, a_robot_that_backs_up_before_its_centre_of_gravity_turns_no_
     }
 }
 
-// The same robot, with less torque, while it turns and gains speed backwards: what keeps the turn from
+namespace {
+
+struct RealAndKnown {
+    model::RobotParameters real, known;
+};
+
+// A robot without friction, its centre of gravity ahead of the axle by K5, that is known as it is.
+RealAndKnown without_friction(double k5_m, double torque_limit_Nm) {
+    RealAndKnown robot{chain::real().parameters, chain::identified()};
+    model::Dynamics<double>& k = robot.real.dynamics;
+    k.k5_m = k5_m;
+    k.k6_per_m = model::coupled_k6(k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, robot.real.geometry.track_m);
+    robot.known.dynamics = tools::as_seen_with(k, robot.real.geometry, robot.known.geometry);
+    robot.real.effects = robot.known.effects = {};
+    robot.known.limits.torque_Nm = torque_limit_Nm;
+    return robot;
+}
+
+}  // namespace
+
+// Such a robot, short of torque, while it turns and gains speed backwards: what keeps the turn from
 // growing comes before what accelerates.
 TEST(ChainVelocity, a_robot_that_backs_up_ever_faster_turns_no_faster_than_it_is_asked_to) {
-    model::RobotParameters real = chain::real().parameters;
-    real.effects = {};
-    model::Dynamics<double>& k = real.dynamics;
-    k.k5_m = 0.13;
-    k.k6_per_m = model::coupled_k6(k.k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, real.geometry.track_m);
-    model::RobotParameters known = chain::identified();
-    known.dynamics = tools::as_seen_with(k, real.geometry, known.geometry);
-    known.effects = {};
-    known.limits.torque_Nm = 0.5;
+    const auto [real, known] = without_friction(0.13, 0.5);
     for (const double turn : {-1.0, 1.0}) {
         Simulation sim(known, real, chain::options(5));
         sim.run_for(0.5);
@@ -200,16 +212,8 @@ TEST(ChainVelocity, a_robot_that_backs_up_ever_faster_turns_no_faster_than_it_is
 // one that moves that way straightens by itself. Little torque is left, and no friction brakes: with seven
 // tenths of the torque for turning first, this one went on at 0.8 m/s, asked for 0.3.
 TEST(ChainVelocity, a_robot_that_turns_far_from_its_centre_of_gravity_slows_down_when_asked_to) {
-    model::RobotParameters real = chain::real().parameters;
-    real.effects = {};
-    model::Dynamics<double>& k = real.dynamics;
     for (const double way : {-1.0, 1.0}) {
-        k.k5_m = way * 0.13;
-        k.k6_per_m = model::coupled_k6(k.k5_m, k.k7_per_kg_m, k.k8_per_kg_m2, real.geometry.track_m);
-        model::RobotParameters known = chain::identified();
-        known.dynamics = tools::as_seen_with(k, real.geometry, known.geometry);
-        known.effects = {};
-        known.limits.torque_Nm = 0.8;
+        const auto [real, known] = without_friction(way * 0.13, 0.8);
         for (const double turn : {-1.0, 1.0}) {
             Simulation sim(known, real, chain::options(5));
             sim.run_for(0.5);

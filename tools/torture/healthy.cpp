@@ -125,7 +125,6 @@ class Driver {
             rest();
         }
         result_.driven_s = sim.time_s();
-        result_.fastest_in = at(fastest_s_, fastest_mode_);
     }
 
   private:
@@ -179,10 +178,12 @@ class Driver {
         const Twist<double>& twist = scene_.sim().world().twist();
         const double share = std::max(std::abs(twist.v_m_per_s) / limits.speed_m_per_s,
                                       std::abs(twist.omega_rad_per_s) / limits.yaw_rate_rad_per_s);
-        if (share <= result_.fastest) return;
-        result_.fastest = share;
-        fastest_s_ = scene_.sim().time_s();
-        fastest_mode_ = mode;
+        const bool dithers = mode == Mode::adaptive;
+        double& fastest = dithers ? result_.fastest_dithering : result_.fastest;
+        fastest = std::max(fastest, share);
+        const bool too_fast = share > (dithers ? kHealthyDitheringSpeed : kHealthySpeed);
+        if (ground_ || !too_fast || !result_.too_fast.empty()) return;
+        result_.too_fast = at(scene_.sim().time_s(), mode) + ": " + std::to_string(share) + " of its limits";
     }
 
     // Down a slope, say, truly faster than its limits: that is no false trip.
@@ -280,8 +281,6 @@ class Driver {
     HealthyResult& result_;
     sim::Random random_;
     std::optional<Ground> ground_;
-    double fastest_s_ = 0;
-    Mode fastest_mode_ = Mode::idle;
 };
 
 }  // namespace
