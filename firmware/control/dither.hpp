@@ -2,7 +2,7 @@
 // from the torque it takes, however calm the path is: accelerations at a wheel's rim that are sines of two
 // periods without a common multiple. They are part of the reference and of its feed-forward, so the loops do
 // not fight them. Where the path turns a wheel more slowly than the dither would, it fades away: dry friction
-// would hold the wheel, or turn with it.
+// would hold the wheel, or turn with it. Where it would pass a limit of speed, it is cut off there.
 //
 // One thread; no allocation. step(): about 50 instructions.
 #pragma once
@@ -19,12 +19,13 @@ namespace wheelwright::control {
 template <typename Real>
 class Dither {
   public:
-    // None until amplitudes are set. `period_s`: of the forward motion.
-    void configure(Real period_s, Real cycle_s, Real track_m) {
+    // None until amplitudes are set. `period_s`: of the forward motion. `limit`: of speed and yaw rate.
+    void configure(Real period_s, Real cycle_s, Real track_m, const Twist<Real>& limit) {
         // the golden ratio keeps the two apart
         constexpr Real kTurningPeriod = Real(1.2360679774997898);
         constexpr Real kTwoPi = Real(6.283185307179586);
         half_track_m_ = track_m / 2;
+        limit_ = limit;
         fade_per_cycle_ = cycle_s / period_s;
         for (std::size_t i = 0; i < 2; ++i) {
             Wave& w = wave_[i];
@@ -55,11 +56,9 @@ class Dither {
         const bool on = std::abs(v - rim) > slowest_m_per_s_;
         share_ = std::clamp(share_ + (on ? fade_per_cycle_ : -fade_per_cycle_), Real(0), Real(1));
         for (Wave& w : wave_) w.step();
-        const auto& [forward, turning] = wave_;
-        reference.twist.v_m_per_s += share_ * forward.speed * forward.sine;
-        reference.rate.v_m_per_s2 += share_ * forward.acceleration * forward.cosine;
-        reference.twist.omega_rad_per_s += share_ * turning.speed * turning.sine;
-        reference.rate.omega_rad_per_s2 += share_ * turning.acceleration * turning.cosine;
+        add(wave_[0], limit_.v_m_per_s, reference.twist.v_m_per_s, reference.rate.v_m_per_s2);
+        add(wave_[1], limit_.omega_rad_per_s, reference.twist.omega_rad_per_s,
+            reference.rate.omega_rad_per_s2);
     }
 
   private:
@@ -77,7 +76,19 @@ class Dither {
         }
     };
 
+    void add(const Wave& wave, Real limit, Real& speed, Real& rate) const {
+        const Real wanted = speed + share_ * wave.speed * wave.sine;
+        if (std::abs(wanted) <= limit) {
+            speed = wanted;
+            rate += share_ * wave.acceleration * wave.cosine;
+        } else {
+            const Real most = std::max(limit, std::abs(speed));
+            speed = std::clamp(wanted, -most, most);
+        }
+    }
+
     std::array<Wave, 2> wave_{};
+    Twist<Real> limit_;
     Real slowest_m_per_s_{};  // of a wheel, that the dither is let beside
     Real half_track_m_ = 1, fade_per_cycle_{}, share_{};
 };

@@ -245,7 +245,8 @@ void Learning::start_adaptation(const model::RobotParameters& p, MotionControl& 
     adapting_ = true;
     adapted_since_ = 0;
     was_long_ = false;
-    control.dither().configure(dither_period_s_, Real(kCyclePeriod_s), track_m_);
+    control.dither().configure(dither_period_s_, Real(kCyclePeriod_s), track_m_,
+                               {Real(p.limits.speed_m_per_s), Real(p.limits.yaw_rate_rad_per_s)});
 }
 
 bool Learning::adapt(const Observed& seen, bool saturated, MotionControl& control) {
