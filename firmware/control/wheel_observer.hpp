@@ -86,6 +86,7 @@ class WheelObserver {
         gains_ = observer_gains(settings.bandwidth_rad_per_s, settings.encoder_period_s);
         period_ns_ = std::max<std::int64_t>(
             static_cast<std::int64_t>(std::lround(settings.encoder_period_s * Real(1e9))), 1);
+        strange_after_ns_ = period_ns_ * 9 / 20;
         restart_after_ns_ = static_cast<std::int64_t>(std::lround(settings.restart_after_s * Real(1e9)));
         const Real cycles = settings.actuation_delay_s / settings.cycle_s;
         const Real whole = std::min(std::floor(cycles), Real(kTorqueMemory - 3));
@@ -415,12 +416,14 @@ class WheelObserver {
         constexpr std::int64_t slow = 1024;
         constexpr int quick_samples = 200;
         constexpr int lost_samples = 50;  // in a row that lie elsewhere: the drive's clock has leapt
-        wheel.heard_ns = time_ns;
-        // Frames are late by up to three others' lengths far more often than they are lost.
+        // Frames are late by up to three others' lengths far more often than they are lost. Since they came
+        // earlier than their smoothed time, one that is lost shows by the time since the last one.
         const std::int64_t since = time_ns - wheel.smoothed_ns;
-        const std::int64_t periods = std::max<std::int64_t>((since + period_ns_ / 4) / period_ns_, 1);
+        const std::int64_t longest = std::max(since, time_ns - wheel.heard_ns);
+        wheel.heard_ns = time_ns;
+        const std::int64_t periods = std::max<std::int64_t>((longest + period_ns_ / 4) / period_ns_, 1);
         const std::int64_t off = since - periods * period_ns_;
-        wheel.strange_samples = std::abs(off) > period_ns_ * 9 / 20 ? wheel.strange_samples + 1 : 0;
+        wheel.strange_samples = std::abs(off) > strange_after_ns_ ? wheel.strange_samples + 1 : 0;
         if (restart || wheel.new_clock || wheel.strange_samples > lost_samples) {
             wheel.new_clock = false;
             wheel.smoothed_ns = time_ns;
@@ -440,7 +443,7 @@ class WheelObserver {
 
     WheelObserverSettings<Real> settings_;
     ObserverGains<Real> gains_;
-    std::int64_t period_ns_ = 1'000'000, restart_after_ns_ = 0;
+    std::int64_t period_ns_ = 1'000'000, strange_after_ns_ = 450'000, restart_after_ns_ = 0;
     std::size_t delay_cycles_ = 0;
     Real delay_fraction_{};
     std::array<Wheel, 2> wheels_;

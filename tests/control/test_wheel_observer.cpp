@@ -223,6 +223,33 @@ TEST(WheelObserver, AFrameSoLateThatItCountsForTheNextSpoilsNoAngleLater) {
     CHECK(worst_rad < 1.5e-3 * kSpeed_rad_per_s);
 }
 
+// A frame waits behind the other drive's, until their clocks have drifted apart; then one is lost.
+TEST(WheelObserver, OneLostFrameIsNotTakenForALateOne) {
+    const auto parameters = bench::notes_robot();
+    const auto model = plant_model<double>(parameters);
+    constexpr double kSpeed_rad_per_s = 10;
+    for (const std::int64_t wait_ns : {120'000, 260'000, 380'000}) {
+        WheelObserver<double> observer;
+        observer.configure(wheel_observer_settings<double>(parameters, 1e-3));
+        double worst_rad_per_s = 0;
+        for (int k = 1; k < 600; ++k) {
+            const std::int64_t now_ns = 1'000'000'000 + 1'000'000LL * k;
+            EncoderSample sample;
+            const std::int64_t sampled_ns = now_ns - 950'000;
+            sample.time_ns = sampled_ns + (k < 300 ? wait_ns : 0);
+            sample.position_rad = kSpeed_rad_per_s * 1e-9 * static_cast<double>(sampled_ns);
+            sample.speed_rad_per_s = kSpeed_rad_per_s;
+            const EncoderSample heard = k == 350 ? EncoderSample{} : sample;
+            observer.update(now_ns, heard, heard, model);
+            observer.torque_sent({0, 0});
+            if (k < 250) continue;
+            worst_rad_per_s = std::max(
+                worst_rad_per_s, std::abs(observer.motion().wheel_speed_rad_per_s.right - kSpeed_rad_per_s));
+        }
+        CHECK(worst_rad_per_s < 1e-3 * kSpeed_rad_per_s);
+    }
+}
+
 // Reports that come 33 ms late, then the true ones beside the last of the late ones: each late one would be
 // corrected for seven times, and a filter that went astray has to come back by what the encoders tell.
 TEST(WheelObserver, SamplesThatComeTooLateLeadNobodyAstray) {
