@@ -125,9 +125,13 @@ class EncoderScale {
         if (from.time_ns == 0 || reported.time_ns - from.time_ns > 2 * span_ns_) return;
         const double by_speed = seconds_between(from, reported) * mean + ahead_s_ * gained;
         const double off = reported.position_rad - from.position_rad - by_speed;
-        const double by_position =
-            by_speed + std::copysign(std::max(std::abs(off) - unsure_s_ * std::abs(gained), 0.0), off);
         const auto add = [](double& sum, double value) { sum = kKept * sum + value; };
+        // The speed that a quick loop tells of a coarse encoder leaps with each count and falls until the
+        // next. Reports in step with the counts are all too fast for a while, or too slow: by half of a leap.
+        add(leaps_rad_per_s_, std::abs(gained));
+        const double unsure = unsure_s_ * std::abs(gained) +
+                              seconds_between(from, reported) * (1 - kKept) / 2 * leaps_rad_per_s_;
+        const double by_position = by_speed + std::copysign(std::max(std::abs(off) - unsure, 0.0), off);
         add(size_, std::abs(by_speed));
         add(speed_square_, by_speed * by_speed);
         add(position_square_, by_position * by_position);
@@ -150,7 +154,7 @@ class EncoderScale {
     double speeds_rad_per_s_ = 0;  // sum since `from_`
     int reports_ = 0;
     double ahead_s_ = 0, unsure_s_ = 2 * kLongestEncoderLag_s;
-    double size_ = 0, speed_square_ = 0, position_square_ = 0, product_ = 0;
+    double leaps_rad_per_s_ = 0, size_ = 0, speed_square_ = 0, position_square_ = 0, product_ = 0;
     bool differs_ = false;
 };
 
