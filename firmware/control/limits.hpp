@@ -112,6 +112,22 @@ constexpr Real hold_yaw_rate(Real omega_rad_per_s, Real v_m_per_s, const model::
     return std::copysign(2 * most_Nm / (grows_Nm_s + root), omega_rad_per_s);
 }
 
+// Scales speed and yaw rate by one factor, so that half of the torque holds them: a robot that cannot turn at
+// this speed drives its curve more slowly. Unlike above, a robot that moves towards its centre of gravity,
+// K6 v < 0, needs torque too, to turn at all.
+template <typename Real>
+constexpr Twist<Real> hold_curve(const Twist<Real>& wanted, const model::Dynamics<Real>& k, Real limit_Nm,
+                                 LimiterFlags& flags) {
+    const Real turn = std::abs(wanted.omega_rad_per_s);
+    const Real needed_Nm = turn * (k.k8_per_kg_m2 * std::abs(k.k5_m) * turn +
+                                   k.k7_per_kg_m * std::abs(k.k6_per_m * wanted.v_m_per_s));
+    const Real most_Nm = k.k7_per_kg_m * k.k8_per_kg_m2 * std::max(limit_Nm, Real(0));
+    if (!(needed_Nm > most_Nm)) return wanted;
+    flags.set(Limiter::yaw_rate);
+    const Real factor = std::sqrt(most_Nm / needed_Nm);
+    return {wanted.v_m_per_s * factor, wanted.omega_rad_per_s * factor};
+}
+
 // The changes of speed and yaw rate that the limits and half of the torque allow: one half for speed and one
 // for yaw, so that both can be had at once.
 inline TwistRate<double> usual_acceleration(const model::RobotParameters& from) {

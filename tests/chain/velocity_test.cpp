@@ -124,8 +124,20 @@ TEST(ChainVelocity, steps_settle_with_a_centre_of_gravity_beside_the_middle_and_
     }
 }
 
-// A robot that backs up, its centre of gravity far ahead of the axle, turns ever faster by itself. No torque
-// of its wheels holds what the limits of speed and yaw rate allow: it would spin.
+namespace {
+
+// More slowly, but not much more slowly than half of the torque holds: a third of what is asked at least.
+void check_same_curve(const Twist<double>& asked, const Twist<double>& got) {
+    const double share = got.v_m_per_s / asked.v_m_per_s;
+    CHECK(share > 0.33 && share < 1);
+    DOUBLES_EQUAL(share, got.omega_rad_per_s / asked.omega_rad_per_s, 0.02);
+}
+
+}  // namespace
+
+// A robot that backs up, its centre of gravity far ahead of the axle, turns ever faster by itself; one that
+// drives on is hard to turn. No torque of its wheels holds what the limits of speed and yaw rate allow: it
+// would spin, or leave the curve at full speed.
 TEST(ChainVelocity, a_robot_that_backs_up_before_its_centre_of_gravity_turns_no_faster_than_it_is_asked_to) {
     model::RobotParameters real = chain::real().parameters;
     model::Dynamics<double>& k = real.dynamics;
@@ -157,8 +169,8 @@ TEST(ChainVelocity, a_robot_that_backs_up_before_its_centre_of_gravity_turns_no_
                         fastest_rad_per_s, int(limited));
             CHECK(sim.cycle().supervisor().mode() == protocol::Mode::velocity);
             CHECK(fastest_rad_per_s < 1.02 * std::abs(asked.omega_rad_per_s));
-            DOUBLES_EQUAL(asked.v_m_per_s, got.v_m_per_s, 0.02 * std::abs(asked.v_m_per_s));
-            CHECK_EQUAL(way < 0, limited);
+            CHECK(limited);
+            check_same_curve(asked, got);
         }
     }
 }
@@ -204,7 +216,7 @@ TEST(ChainVelocity, a_robot_that_backs_up_ever_faster_turns_no_faster_than_it_is
                     last.omega_rad_per_s, fastest_rad_per_s);
         CHECK(sim.cycle().supervisor().mode() == protocol::Mode::velocity);
         CHECK(fastest_rad_per_s < 1.05 * 2.0);
-        DOUBLES_EQUAL(-1.6, last.v_m_per_s, 0.03);
+        check_same_curve({-1.6, turn * 2.0}, last);
     }
 }
 
@@ -235,8 +247,8 @@ TEST(ChainVelocity, a_robot_that_turns_far_from_its_centre_of_gravity_slows_down
                         fastest_rad_per_s);
             CHECK(sim.cycle().supervisor().mode() == protocol::Mode::velocity);
             CHECK(fastest_m_per_s < 1.22);
-            DOUBLES_EQUAL(asked.v_m_per_s, last.v_m_per_s, 0.01);
-            CHECK(fastest_rad_per_s > 2.5 && fastest_rad_per_s < std::abs(asked.omega_rad_per_s));
+            check_same_curve(asked, last);
+            CHECK(fastest_rad_per_s < std::abs(asked.omega_rad_per_s));
         }
     }
 }

@@ -228,6 +228,36 @@ TEST(Limits, ATurnThatPushesOrGrowsByItselfIsKeptToWhatHalfOfTheTorqueHolds) {
     DOUBLES_EQUAL(0, hold_yaw_rate(1.0, 1.0, model::Dynamics<double>{0.1, -1, 1, 1}, -1.0, flags), 0);
 }
 
+// By the same equation, and whichever way the turn pushes.
+TEST(Limits, ACurveIsDrivenAsFastAsHalfOfTheTorqueHolds) {
+    bench::Noise noise(44);
+    int slowed = 0;
+    for (int i = 0; i < 10'000; ++i) {
+        const double limit_Nm = 0.1 + 10 * noise.uniform();
+        const model::Dynamics<double> k{i % 3 == 0 ? 0 : pick(noise, 0.5), i % 3 == 1 ? 0 : pick(noise, 3),
+                                        0.01 + 3 * noise.uniform(), 0.01 + 10 * noise.uniform()};
+        const Twist<double> asked{pick(noise, 2), pick(noise, 4)};
+        LimiterFlags flags;
+        const Twist<double> kept = hold_curve(asked, k, limit_Nm, flags);
+        const auto needed_Nm = [&](const Twist<double>& twist) {
+            const double omega = twist.omega_rad_per_s;
+            return std::abs(k.k5_m * omega * omega / k.k7_per_kg_m) +
+                   std::abs(k.k6_per_m * twist.v_m_per_s * omega / k.k8_per_kg_m2);
+        };
+        const bool too_much = needed_Nm(asked) > limit_Nm;
+        CHECK_EQUAL(too_much, flags.has(Limiter::yaw_rate));
+        DOUBLES_EQUAL(asked.omega_rad_per_s * kept.v_m_per_s, asked.v_m_per_s * kept.omega_rad_per_s, 1e-12);
+        DOUBLES_EQUAL(too_much ? limit_Nm : needed_Nm(asked), needed_Nm(kept), 1e-9 * limit_Nm);
+        CHECK(kept.omega_rad_per_s * asked.omega_rad_per_s >= 0);
+        slowed += too_much;
+    }
+    CHECK(slowed > 500);
+    LimiterFlags flags;
+    const Twist<double> none = hold_curve<double>({1, 1}, {0.1, -1, 1, 1}, -1.0, flags);
+    DOUBLES_EQUAL(0, none.v_m_per_s, 0);
+    DOUBLES_EQUAL(0, none.omega_rad_per_s, 0);
+}
+
 TEST(Limits, EachLimiterHasAName) {
     for (const std::string_view name : kLimiterNames) CHECK_FALSE(name.empty());
 }
