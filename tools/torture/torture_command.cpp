@@ -226,7 +226,7 @@ int run_healthy(const Options& options) {
                 count(i);
             });
     }
-    double driven_s = 0, fastest = 0, dithering = 0;
+    double driven_s = 0, fastest = 0, astray = 0;
     std::size_t drives = 0, trips = 0, runaways = 0;
     for (const HealthyResult& result : results) {
         driven_s += result.driven_s;
@@ -236,16 +236,16 @@ int run_healthy(const Options& options) {
             std::printf("robot %llu (%s): %s\n", static_cast<unsigned long long>(result.seed),
                         result.robot.c_str(), trip.c_str());
         fastest = std::max(fastest, result.fastest);
-        dithering = std::max(dithering, result.fastest_dithering);
-        if (result.too_fast.empty()) continue;
+        astray = std::max(astray, result.astray);
+        if (result.strays.empty()) continue;
         ++runaways;
         std::printf("robot %llu (%s): %s\n", static_cast<unsigned long long>(result.seed),
-                    result.robot.c_str(), result.too_fast.c_str());
+                    result.robot.c_str(), result.strays.c_str());
     }
     std::printf(
         "%.2f hours on %zu robots, %zu drives, %.1f %% of the frames lost: %zu false trips; at most "
-        "%.2f of a limit of speed, %.2f with dither\n",
-        driven_s / 3600, robots, drives, 100 * kHealthyLoss, trips, fastest, dithering);
+        "%.2f of a limit of speed, and %.3f beside a set-point\n",
+        driven_s / 3600, robots, drives, 100 * kHealthyLoss, trips, fastest, astray);
     return trips + runaways == 0 && !interrupted() ? kDone : kAimMissed;
 }
 

@@ -199,7 +199,7 @@ TEST(TortureJudge, a_robot_that_is_pushed_off_its_way_or_pushed_quicker) {
 }
 
 // Torque on a robot beyond the limits; one that coasts is nobody's.
-TEST(TortureJudge, a_robot_that_is_driven_too_fast) { sees(like("lie_half_counts"), "too fast", 71); }
+TEST(TortureJudge, a_robot_that_is_driven_strays) { sees(like("lie_half_counts"), "too fast", 71); }
 
 TEST(TortureJudge, a_robot_that_never_drives_again) {
     TortureKind kind = like("drive_error");
@@ -246,7 +246,7 @@ TEST(HealthyDriving, nothing_trips_with_one_frame_of_a_thousand_lost) {
     for (std::uint64_t seed = 1; seed <= 10; ++seed) {
         const HealthyResult result = drive_healthy(seed, 90);
         CHECK_TEXT(result.trips.empty(), (result.robot + ": " + all_of(result.trips)).c_str());
-        CHECK_TEXT(result.fastest > 0.3 && result.too_fast.empty(), result.too_fast.c_str());
+        CHECK_TEXT(result.fastest > 0.3 && result.strays.empty(), result.strays.c_str());
         CHECK(result.drives > 2);
     }
 }
@@ -270,7 +270,7 @@ TEST(HealthyDriving, a_wheel_that_the_turning_body_holds_is_no_frozen_encoder) {
 TEST(HealthyDriving, a_turn_pushes_no_robot_past_its_limits) {
     const HealthyResult result = drive_healthy(944141448, 1200);
     CHECK_TEXT(result.trips.empty(), all_of(result.trips).c_str());
-    CHECK_TEXT(result.too_fast.empty(), result.too_fast.c_str());
+    CHECK_TEXT(result.strays.empty(), result.strays.c_str());
 }
 
 // An identification leaves both asymmetries beside the estimators' four columns, and a robot file may hold
