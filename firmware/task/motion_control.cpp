@@ -191,8 +191,8 @@ MotionOutput MotionControl::follow(const Observed& now, const Twist<Real>& wante
     const Twist<Real> allowed =
         control::scale_jointly(wanted, Real(parameters_.limits.speed_m_per_s),
                                Real(parameters_.limits.yaw_rate_rad_per_s), out.limits);
-    const Twist<Real> scaled = control::hold_curve(allowed, plant_.dynamics,
-                                                   Real(parameters_.limits.torque_Nm), out.limits);
+    const Twist<Real> scaled =
+        control::hold_curve(allowed, plant_.dynamics, Real(parameters_.limits.torque_Nm), out.limits);
     const Real step_s = runs_away(scaled, now.motion.twist) ? waiting_share_ * now.elapsed_s : now.elapsed_s;
     drive(now, {limiter_.step(scaled, step_s, out.limits), {}}, out);
     return out;

@@ -84,7 +84,7 @@ TEST(Dither, passes_no_limit_of_speed) {
         slowest_rad_per_s = std::max(slowest_rad_per_s, ahead.twist.omega_rad_per_s);
         if (ahead.twist.v_m_per_s == 0 && ahead.rate.v_m_per_s2 == 0) ++cut_off;
     }
-    CHECK(cut_off > 1400);  // of 1500
+    CHECK(cut_off > 1400);           // of 1500
     CHECK(slowest_m_per_s < -0.01);  // it still tells the mass
     CHECK(slowest_rad_per_s > 0.05);
     CHECK(beside(dither, -1.1 * kLimit.v_m_per_s, 0.1).twist.v_m_per_s >= -1e-12);

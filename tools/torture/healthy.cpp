@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <optional>
+#include <string_view>
 
 #include "firmware/control/limits.hpp"
 #include "firmware/control/trajectory.hpp"
@@ -238,14 +239,25 @@ class Driver {
         return square > 0 ? std::clamp(product / square, 0.0, 1.0) : 0;
     }
 
-    // Twice what half of the torque and the loops take from one set-point to the next.
+    // Twice what half of the torque that friction leaves and the loops take from one set-point to the next.
     double settled_after_s() const {
         const model::RobotParameters& robot = scene_.setup().believed;
         const auto [acceleration, yaw_acceleration] = control::usual_acceleration(robot);
-        const double ramp_s =
+        double ramp_s =
             std::max(std::abs(asked_.v_m_per_s - was_.v_m_per_s) * robot.limits.speed_m_per_s / acceleration,
                      std::abs(asked_.omega_rad_per_s - was_.omega_rad_per_s) *
                          robot.limits.yaw_rate_rad_per_s / yaw_acceleration);
+        const auto largest = [&robot](std::string_view name) {
+            const auto& sides = robot.effects.parameter[model::find_effect(name)];
+            return std::max(sides[0], sides[1]);
+        };
+        const double wheel_rad_per_s = (std::abs(asked_.v_m_per_s) * robot.limits.speed_m_per_s +
+                                        std::abs(asked_.omega_rad_per_s) * robot.limits.yaw_rate_rad_per_s *
+                                            robot.geometry.track_m / 2) /
+                                       robot.geometry.mean_radius_m();
+        const double friction_Nm =
+            largest("coulomb_friction") + largest("viscous_friction") * wheel_rad_per_s;
+        ramp_s *= robot.limits.torque_Nm / std::max(torque_Nm_ - friction_Nm, kLeastLeft * torque_Nm_);
         return 2 * (ramp_s + control::velocity_loop_speed(robot, 1e-3).settling_time_s);
     }
 
@@ -363,7 +375,8 @@ class Driver {
     // Shares of the limits: the set-point, and at its moment true motion and reference.
     Twist<double> asked_, was_, told_;
     double asked_s_ = 0;
-    double torque_Nm_;  // that the drives give
+    static constexpr double kLeastLeft = 0.05;  // of the torque: a slower robot is not waited for
+    double torque_Nm_;                          // that the drives give
 };
 
 }  // namespace
