@@ -227,6 +227,20 @@ TEST(EncoderLoop, what_is_asked_for_off_the_beat_is_left_out_and_the_beat_goes_o
     }
 }
 
+// However short the period is, a frame may wait for others by half a millisecond.
+TEST(EncoderLoop, off_the_beat_is_further_than_frames_wait_for_each_other) {
+    constexpr std::int64_t kPeriod_ns = 2'000'000;
+    for (const std::int64_t late_ns : {-501'000, -499'000, 499'000, 501'000}) {
+        EncoderBehindLoop behind;
+        behind.configure(0.01, 1e-4, 0.002);
+        behind.sample({3, 10, 4 * kPeriod_ns});
+        const EncoderSample next = behind.sample({3.02, 10, 5 * kPeriod_ns + late_ns});
+        const bool taken = std::abs(late_ns) < 500'000;
+        LONGS_EQUAL(taken ? 5 * kPeriod_ns + late_ns - kPeriod_ns / 2 : 4 * kPeriod_ns - kPeriod_ns / 2,
+                    next.time_ns);
+    }
+}
+
 // Position and speed are of one loop: as far as two of its periods, a third of the time and a tenth of the
 // lag for what the speed has gained, and a digit go.
 TEST(EncoderLoop, a_speed_that_is_not_the_positions_own_undoes_nothing) {
