@@ -10,6 +10,7 @@
 #include <string_view>
 
 #include "firmware/control/reference.hpp"
+#include "firmware/model/dynamics.hpp"
 #include "firmware/model/robot_parameters.hpp"
 #include "firmware/model/types.hpp"
 
@@ -112,19 +113,17 @@ constexpr Real hold_yaw_rate(Real omega_rad_per_s, Real v_m_per_s, const model::
     return std::copysign(2 * most_Nm / (grows_Nm_s + root), omega_rad_per_s);
 }
 
-// Scales speed and yaw rate by one factor, so that half of the torque holds them: a robot that cannot turn at
-// this speed drives its curve more slowly. Unlike above, a robot that moves towards its centre of gravity,
-// K6 v < 0, needs torque too, to turn at all.
+// Scales speed and yaw rate by one factor, so that half of the torque holds them against the pushes of eq
+// (43): a robot that cannot turn at this speed drives its curve more slowly. Unlike above, a robot that moves
+// towards its centre of gravity, K6 v < 0, needs torque too, to turn at all. K7 and K8 must not be zero.
 template <typename Real>
 constexpr Twist<Real> hold_curve(const Twist<Real>& wanted, const model::Dynamics<Real>& k, Real limit_Nm,
                                  LimiterFlags& flags) {
-    const Real turn = std::abs(wanted.omega_rad_per_s);
-    const Real needed_Nm = turn * (k.k8_per_kg_m2 * std::abs(k.k5_m) * turn +
-                                   k.k7_per_kg_m * std::abs(k.k6_per_m * wanted.v_m_per_s));
-    const Real most_Nm = k.k7_per_kg_m * k.k8_per_kg_m2 * std::max(limit_Nm, Real(0));
-    if (!(needed_Nm > most_Nm)) return wanted;
+    const Real most_Nm = std::max(limit_Nm, Real(0));  // of twice the limit, for both wheels
+    const WheelPair<Real> holding_Nm = model::inverse_dynamics(k, wanted, TwistRate<Real>{});
+    if (within_limit(holding_Nm, most_Nm / 2)) return wanted;
     flags.set(Limiter::yaw_rate);
-    const Real factor = std::sqrt(most_Nm / needed_Nm);
+    const Real factor = std::sqrt(most_Nm / (std::abs(holding_Nm.sum()) + std::abs(holding_Nm.difference())));
     return {wanted.v_m_per_s * factor, wanted.omega_rad_per_s * factor};
 }
 

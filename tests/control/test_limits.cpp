@@ -196,15 +196,32 @@ TEST(Limits, AYawRateLimitBelowZeroMeansZeroToo) {
     }
 }
 
+namespace {
+
+struct Turn {
+    double limit_Nm;
+    model::Dynamics<double> k;
+    Twist<double> asked;
+};
+
+// Now and then of a robot whose turns do not push it, or do not grow.
+Turn drawn_turn(bench::Noise& noise, int i) {
+    const double limit_Nm = 0.1 + 10 * noise.uniform();
+    const double k5_m = i % 3 == 0 ? 0 : pick(noise, 0.5), k6_per_m = i % 3 == 1 ? 0 : pick(noise, 3);
+    const double k7 = 0.01 + 3 * noise.uniform(), k8 = 0.01 + 10 * noise.uniform();
+    const double v = pick(noise, 2);
+    return {limit_Nm, {k5_m, k6_per_m, k7, k8}, {v, pick(noise, 4)}};
+}
+
+}  // namespace
+
 // Judged by eq (43): the torque that would keep the speed, and stop the yaw rate from growing.
 TEST(Limits, ATurnThatPushesOrGrowsByItselfIsKeptToWhatHalfOfTheTorqueHolds) {
     bench::Noise noise(43);
     int held = 0;
     for (int i = 0; i < 10'000; ++i) {
-        const double limit_Nm = 0.1 + 10 * noise.uniform();
-        const model::Dynamics<double> k{i % 3 == 0 ? 0 : pick(noise, 0.5), i % 3 == 1 ? 0 : pick(noise, 3),
-                                        0.01 + 3 * noise.uniform(), 0.01 + 10 * noise.uniform()};
-        const double v = pick(noise, 2), omega = pick(noise, 4);
+        const auto [limit_Nm, k, asked] = drawn_turn(noise, i);
+        const auto [v, omega] = asked;
         LimiterFlags flags;
         const double kept = hold_yaw_rate(omega, v, k, limit_Nm, flags);
         const auto needed_Nm = [&](double yaw_rate) {
@@ -233,10 +250,7 @@ TEST(Limits, ACurveIsDrivenAsFastAsHalfOfTheTorqueHolds) {
     bench::Noise noise(44);
     int slowed = 0;
     for (int i = 0; i < 10'000; ++i) {
-        const double limit_Nm = 0.1 + 10 * noise.uniform();
-        const model::Dynamics<double> k{i % 3 == 0 ? 0 : pick(noise, 0.5), i % 3 == 1 ? 0 : pick(noise, 3),
-                                        0.01 + 3 * noise.uniform(), 0.01 + 10 * noise.uniform()};
-        const Twist<double> asked{pick(noise, 2), pick(noise, 4)};
+        const auto [limit_Nm, k, asked] = drawn_turn(noise, i);
         LimiterFlags flags;
         const Twist<double> kept = hold_curve(asked, k, limit_Nm, flags);
         const auto needed_Nm = [&](const Twist<double>& twist) {
@@ -256,6 +270,7 @@ TEST(Limits, ACurveIsDrivenAsFastAsHalfOfTheTorqueHolds) {
     const Twist<double> none = hold_curve<double>({1, 1}, {0.1, -1, 1, 1}, -1.0, flags);
     DOUBLES_EQUAL(0, none.v_m_per_s, 0);
     DOUBLES_EQUAL(0, none.omega_rad_per_s, 0);
+    DOUBLES_EQUAL(1, hold_curve<double>({1, 0}, {0.1, -1, 1, 1}, -1.0, flags).v_m_per_s, 0);  // is no turn
 }
 
 TEST(Limits, EachLimiterHasAName) {

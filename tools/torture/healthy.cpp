@@ -222,13 +222,8 @@ class Driver {
 
     // The pushes of eq (43) that a turn brings.
     bool held_by_half() const {
-        const model::RobotParameters& robot = scene_.setup().believed;
-        const auto& k = robot.dynamics;
-        const double v = asked_.v_m_per_s * robot.limits.speed_m_per_s;
-        const double omega = asked_.omega_rad_per_s * robot.limits.yaw_rate_rad_per_s;
-        return std::abs(k.k5_m * omega * omega) / k.k7_per_kg_m +
-                   std::abs(k.k6_per_m * v * omega) / k.k8_per_kg_m2 <=
-               torque_Nm_;
+        const model::Dynamics<double>& k = scene_.setup().believed.dynamics;
+        return control::within_limit(model::inverse_dynamics(k, times_limits(asked_), {}), torque_Nm_ / 2);
     }
 
     static double share_of(const Twist<double>& whole, const Twist<double>& part) {
@@ -243,20 +238,17 @@ class Driver {
     double settled_after_s() const {
         const model::RobotParameters& robot = scene_.setup().believed;
         const auto [acceleration, yaw_acceleration] = control::usual_acceleration(robot);
-        double ramp_s =
-            std::max(std::abs(asked_.v_m_per_s - was_.v_m_per_s) * robot.limits.speed_m_per_s / acceleration,
-                     std::abs(asked_.omega_rad_per_s - was_.omega_rad_per_s) *
-                         robot.limits.yaw_rate_rad_per_s / yaw_acceleration);
+        const Twist<double> asked = times_limits(asked_), was = times_limits(was_);
+        double ramp_s = std::max(std::abs(asked.v_m_per_s - was.v_m_per_s) / acceleration,
+                                 std::abs(asked.omega_rad_per_s - was.omega_rad_per_s) / yaw_acceleration);
         const auto largest = [&robot](std::string_view name) {
             const auto& sides = robot.effects.parameter[model::find_effect(name)];
             return std::max(sides[0], sides[1]);
         };
-        const double wheel_rad_per_s = (std::abs(asked_.v_m_per_s) * robot.limits.speed_m_per_s +
-                                        std::abs(asked_.omega_rad_per_s) * robot.limits.yaw_rate_rad_per_s *
-                                            robot.geometry.track_m / 2) /
-                                       robot.geometry.mean_radius_m();
-        const double friction_Nm =
-            largest("coulomb_friction") + largest("viscous_friction") * wheel_rad_per_s;
+        const WheelPair<double> wheel_rad_per_s = model::wheel_speeds_from_twist(robot.geometry, asked);
+        const double friction_Nm = largest("coulomb_friction") +
+                                   largest("viscous_friction") * std::max(std::abs(wheel_rad_per_s.left),
+                                                                          std::abs(wheel_rad_per_s.right));
         ramp_s *= robot.limits.torque_Nm / std::max(torque_Nm_ - friction_Nm, kLeastLeft * torque_Nm_);
         return 2 * (ramp_s + control::velocity_loop_speed(robot, 1e-3).settling_time_s);
     }
@@ -271,6 +263,11 @@ class Driver {
     Twist<double> of_limits(const Twist<double>& twist) const {
         const auto& limits = scene_.setup().believed.limits;
         return {twist.v_m_per_s / limits.speed_m_per_s, twist.omega_rad_per_s / limits.yaw_rate_rad_per_s};
+    }
+
+    Twist<double> times_limits(const Twist<double>& share) const {
+        const auto& limits = scene_.setup().believed.limits;
+        return {share.v_m_per_s * limits.speed_m_per_s, share.omega_rad_per_s * limits.yaw_rate_rad_per_s};
     }
 
     // Down a slope, say, truly faster than its limits: that is no false trip.
@@ -318,15 +315,13 @@ class Driver {
     }
 
     void velocities() {
-        const auto& limits = scene_.setup().believed.limits;
         const auto any = [&] {
             const double quick = random_.bits() % 4 == 0 ? 1 : 0.5;  // now and then all that is allowed
             const double v = quick * uniform(-1, 1);
             asked_ = {v, quick * uniform(-1, 1)};
             was_ = of_limits(scene_.sim().world().twist());
             told_ = of_limits(scene_.sim().cycle().report().reference);
-            scene_.sim().host().velocity({asked_.v_m_per_s * limits.speed_m_per_s,
-                                          asked_.omega_rad_per_s * limits.yaw_rate_rad_per_s});
+            scene_.sim().host().velocity(times_limits(asked_));
         };
         any();
         if (!enter(Mode::velocity)) return;

@@ -199,7 +199,7 @@ TEST(TortureJudge, a_robot_that_is_pushed_off_its_way_or_pushed_quicker) {
 }
 
 // Torque on a robot beyond the limits; one that coasts is nobody's.
-TEST(TortureJudge, a_robot_that_is_driven_strays) { sees(like("lie_half_counts"), "too fast", 71); }
+TEST(TortureJudge, a_robot_that_is_driven_too_fast) { sees(like("lie_half_counts"), "too fast", 71); }
 
 TEST(TortureJudge, a_robot_that_never_drives_again) {
     TortureKind kind = like("drive_error");
