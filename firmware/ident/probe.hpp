@@ -56,6 +56,7 @@ struct ProbeOptions {
     model::Geometry<double> geometry;
     double sample_time_s{};
     double sample_age_s{};  // of the angles when they are handed over; two cycles where encoders report each
+    double report_period_s{};  // of the encoders; 0: each cycle
     double torque_limit_Nm{};
     double amplitude_Nm{};  // torque that the pulses shall try; 0: the torque limit
     double speed_limit_m_per_s{};
@@ -200,6 +201,7 @@ class Probe {
     static constexpr std::size_t kFewestPulses = 3;
     static constexpr std::size_t kMostPulses = 8;
     static constexpr std::size_t kSpeedSpan = 16;
+    static constexpr std::size_t kRing = 64;  // three times two reports each 10 ms
 
     // What is seen of encoders that report less often than each cycle is so much older.
     double later_s() const { return std::max(options_.sample_age_s - 2 * options_.sample_time_s, 0.0); }
@@ -263,14 +265,15 @@ class Probe {
     double stage_s() const { return stage_cycles_ * options_.sample_time_s; }
 
     void take(const ProbeSample& sample) {
+        ++cycle_;
         if (sample.usable) {
-            const WheelPair<double> oldest = ring_[ring_at_ % kSpeedSpan];
-            if (ring_at_ >= kSpeedSpan) {
-                const double span_s = kSpeedSpan * options_.sample_time_s;
+            const auto& [oldest, then] = ring_[(ring_at_ - kSpeedSpan) % kRing];
+            if (ring_at_ >= kSpeedSpan) {  // longer ago where cycles had no angle
+                const double span_s = (cycle_ - then) * options_.sample_time_s;
                 speed_ = {(sample.angle_rad.left - oldest.left) / span_s,
                           (sample.angle_rad.right - oldest.right) / span_s};
             }
-            ring_[ring_at_ % kSpeedSpan] = sample.angle_rad;
+            ring_[ring_at_ % kRing] = {sample.angle_rad, cycle_};
             ++ring_at_;
             angle_ = sample.angle_rad;
             if (ramped_ == Stage::left) note_ramp(0, angle_.left, oldest.left, begin_.left, speed_.left);
@@ -333,12 +336,20 @@ class Probe {
         if (stage_s() > kSteadyRamp_s) compare_report(0);
     }
 
-    // Third differences over a few samples: what is smooth, even a torque's noise, leaves next to nothing in
-    // them.
-    void measure_noise() {
-        const auto before = [&](std::size_t samples) { return ring_[(ring_at_ - 1 - samples) % kSpeedSpan]; };
+    // Third differences over a few samples, or as many as lie between two reports: what is smooth, even a
+    // torque's noise, leaves next to nothing in them.
+    void measure_noise(double leg_s) {
+        const double report_samples = 2 * options_.report_period_s / options_.sample_time_s;
+        const auto apart = std::max<std::size_t>(4, static_cast<std::size_t>(std::lround(report_samples)));
+        const std::size_t span = 3 * apart;
+        const double span_s = static_cast<double>(span) * options_.sample_time_s;
+        const auto before = [&](std::size_t samples) { return ring_[(ring_at_ - 1 - samples) % kRing]; };
+        if (span >= kRing || leg_s <= 2 * settle_s() || leg_s <= 2 * later_s() + span_s ||
+            cycle_ - before(span).cycle != span)
+            return;
         const auto third = [&](double WheelPair<double>::*side) {
-            return before(0).*side - 3 * before(4).*side + 3 * before(8).*side - before(12).*side;
+            return before(0).angle.*side - 3 * before(apart).angle.*side + 3 * before(2 * apart).angle.*side -
+                   before(span).angle.*side;
         };
         constexpr double kPower = 1 + 9 + 9 + 1;
         const double left = third(&WheelPair<double>::left), right = third(&WheelPair<double>::right);
@@ -476,7 +487,7 @@ class Probe {
             if (rolls_[0]) fit_[leg_][0].add(leg_s, angle_.left);
             if (rolls_[1]) fit_[leg_][1].add(leg_s, angle_.right);
             compare_report(2 * settle_s());
-            if (leg_s > 2 * settle_s()) measure_noise();
+            if (leg_ == 0) measure_noise(leg_s);  // on its way back a wheel turns round
         }
         if (leg_ == 0) {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
@@ -781,8 +792,13 @@ class Probe {
     bool usable_ = false, pushed_well_ = false;
     bool cut_short_ = false;      // a push was, in this pause
     Stage ramped_ = Stage::done;  // this stage, or the one before the pause
-    std::array<WheelPair<double>, kSpeedSpan> ring_{};
+    struct Seen {
+        WheelPair<double> angle;
+        std::uint32_t cycle = 0;
+    };
+    std::array<Seen, kRing> ring_{};
     std::size_t ring_at_ = 0;
+    std::uint32_t cycle_ = 0;
     Parabola rest_fit_, rest_fit_other_;
     double rest_noise_rad_ = 0;
     std::array<RampAnswer, 2> ramps_{};

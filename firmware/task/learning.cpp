@@ -90,6 +90,7 @@ void Learning::start_identification(const model::RobotParameters& p, const proto
     probing.geometry = options.estimator.filter.geometry;
     probing.sample_time_s = kCyclePeriod_s;
     probing.sample_age_s = Senses::sample_age_s(p);
+    probing.report_period_s = encoder_period_s_;
     probing.torque_limit_Nm = p.limits.torque_Nm;
     probing.amplitude_Nm = sizing.amplitude_Nm;
     probing.speed_limit_m_per_s = speed_limit_m_per_s;

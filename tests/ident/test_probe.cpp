@@ -508,7 +508,8 @@ constexpr int kBoth = 2;
 struct Carts {
     std::array<double, 2> mass_kg{12, 12}, rubs_Nm{0.4, 0.4};
     std::size_t reported_late_cycles = 0;
-    double fastest_m_per_s = 0;
+    int report_cycles = 1, blind_each_cycles = 0;  // and for forty of these
+    double fastest_m_per_s = 0, angle_noise_rad = 0;
 };
 
 // Probes them, and freezes an encoder in a stage's push. `pushed`: for so many cycles since.
@@ -517,6 +518,7 @@ IdentCause probed(Carts& carts, int frozen, double from_Nm, int* pushed = nullpt
     options.geometry = {{kRadius_m, kRadius_m}, kTrack_m};
     options.sample_time_s = 1e-3;
     options.sample_age_s = 2e-3 + 1e-3 * static_cast<double>(carts.reported_late_cycles);
+    options.report_period_s = 1e-3 * carts.report_cycles;
     options.torque_limit_Nm = 5;
     options.speed_limit_m_per_s = 1.5;
     options.yaw_rate_limit_rad_per_s = 4;
@@ -525,6 +527,7 @@ IdentCause probed(Carts& carts, int frozen, double from_Nm, int* pushed = nullpt
     probe.start(options);
     std::array<double, 2> angle_rad{}, speed_rad_per_s{}, torque_Nm{}, told_rad{};
     std::array<std::deque<double>, 2> was_rad;
+    std::array<double, 2> reported_rad{}, step_rad{};
     bool is_frozen = false;
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> noise(-2e-4, 2e-4);
@@ -543,17 +546,42 @@ IdentCause probed(Carts& carts, int frozen, double from_Nm, int* pushed = nullpt
             auto& was = was_rad[i];
             was.push_back(angle_rad[i]);
             if (was.size() > carts.reported_late_cycles + 1) was.pop_front();
-            if (!lies) told_rad[i] = was.front() + noise(random);
+            if (k % carts.report_cycles == 0) {  // straight on from one report to the next, a report late
+                const double before_rad = std::exchange(reported_rad[i], was.front() + noise(random));
+                step_rad[i] = (reported_rad[i] - before_rad) / carts.report_cycles;
+                if (!lies) told_rad[i] = before_rad;
+            }
+            if (!lies) told_rad[i] += step_rad[i];
         }
-        const WheelPair<double> wanted = probe.step({{told_rad[0], told_rad[1]}, true, {}, {}, false, {}});
+        const bool blind = carts.blind_each_cycles > 0 && k % carts.blind_each_cycles < 40;
+        const WheelPair<double> wanted = probe.step({{told_rad[0], told_rad[1]}, !blind, {}, {}, false, {}});
         torque_Nm = {wanted.left, wanted.right};
         if (pushed != nullptr && is_frozen && wanted.left != 0) ++*pushed;
         is_frozen = is_frozen || std::min(std::abs(torque_Nm[0]), std::abs(torque_Nm[1])) >= from_Nm;
     }
+    carts.angle_noise_rad = probe.findings().angle_noise_rad;
     return probe.findings().fault;
 }
 
 }  // namespace
+
+// Angles on a line between two reports have 0.82 of a report's noise, in the mean.
+TEST(ProbeParts, the_noise_of_the_angles_is_that_of_their_reports_also_beside_gaps) {
+    const double noise_rad = 2e-4 / std::sqrt(3);
+    for (const int report_cycles : {1, 2, 5, 10}) {
+        for (const int blind_each_cycles : {0, 310}) {
+            Carts carts;
+            carts.report_cycles = report_cycles;
+            carts.reported_late_cycles = static_cast<std::size_t>(report_cycles / 2);
+            carts.blind_each_cycles = blind_each_cycles;
+            CHECK(probed(carts, -1, 5) == IdentCause::none);
+            std::printf("each %d ms, a gap each %d ms: %.2f of a report's noise\n", report_cycles,
+                        blind_each_cycles, carts.angle_noise_rad / noise_rad);
+            CHECK(carts.angle_noise_rad > 0.7 * noise_rad);
+            CHECK(carts.angle_noise_rad < 1.1 * noise_rad);
+        }
+    }
+}
 
 TEST(ProbeParts, a_wheel_that_stands_to_the_digit_while_the_other_one_turns_is_named) {
     Carts carts;

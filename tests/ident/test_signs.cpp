@@ -147,7 +147,7 @@ TEST(UnknownSigns, K7_and_K8_alone_are_kept_only_where_they_are_known) {
         return drive(with_k5(k5_m), 1, 1, 5.0, pose, duration_s, kNeverReached_m).run.cause();
     };
     CHECK(end(0.0413, false) == IdentCause::good_enough);
-    CHECK(end(0.006, true, 14) == IdentCause::coupling_not_known);
+    CHECK(end(0.003, true, 20) == IdentCause::coupling_not_known);
     CHECK(end(0, true) == IdentCause::coupling_not_known);
     CHECK(end(0, false) == IdentCause::time_over);
 }
