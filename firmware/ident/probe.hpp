@@ -79,6 +79,7 @@ struct ProbeSample {
 struct ProbeFindings {
     IdentCause fault = IdentCause::none;
     double angle_noise_rad{};               // standard deviation of an angle while turning
+    double rest_noise_rad{};                // and while nothing moves
     WheelPair<double> breakaway_Nm;         // torque at which each wheel moved
     double friction_Nm{};                   // of a wheel while sliding, mean
     double k7_per_kg_m{}, k8_per_kg_m2{};   // rough
@@ -294,7 +295,7 @@ class Probe {
                 speed_.right * options_.geometry.wheel_radius_m.right};
     }
     double breakaway_Nm() const { return std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right); }
-    double moved_enough() const { return std::max(kMoved_rad, kNoises * rest_noise_rad_); }
+    double moved_enough() const { return std::max(kMoved_rad, kNoises * found_.rest_noise_rad); }
 
     void rest() {
         if (usable_ && stage_s() > kRest_s / 4) {
@@ -302,7 +303,7 @@ class Probe {
             rest_fit_other_.add(stage_s(), angle_.right);
         }
         if (stage_s() < kRest_s) return;
-        rest_noise_rad_ =
+        found_.rest_noise_rad =
             std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
         const WheelPair<double> m = moved();
         if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough())
@@ -362,7 +363,7 @@ class Probe {
         if (stage_ != Stage::pause) return;
         const WheelPair<double> v = rim_speed();
         const auto& r = options_.geometry.wheel_radius_m;
-        const double noise_m = std::max(r.left, r.right) * rest_noise_rad_;
+        const double noise_m = std::max(r.left, r.right) * found_.rest_noise_rad;
         const double slow = 0.02 * options_.speed_limit_m_per_s;
         // In kStill_s it may go no further than slowly, beyond what noise makes of a place.
         const double gone = std::max(r.left * std::abs(angle_.left - still_at_.left),
@@ -800,7 +801,6 @@ class Probe {
     std::size_t ring_at_ = 0;
     std::uint32_t cycle_ = 0;
     Parabola rest_fit_, rest_fit_other_;
-    double rest_noise_rad_ = 0;
     std::array<RampAnswer, 2> ramps_{};
     double k7_per_kg_m_ = 0;
     std::array<bool, 2> rolls_{};

@@ -8,6 +8,7 @@
 #include <deque>
 #include <numeric>
 #include <random>
+#include <utility>
 
 #include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/parabola.hpp"
@@ -475,15 +476,15 @@ TEST(ProbeParts, a_bit_holds_three_reports_of_the_encoders) {
 
 // A wheel that turns round is seen to do so as late as the reports come, however fine its encoder is.
 TEST(ProbeParts, a_wheel_may_stand_for_as_long_as_reports_hide_it) {
-    const ident::SpeedSpan noisy = ident::speed_span(1e-3, 20, 0.001, 0.001);
-    const ident::SpeedSpan fine = ident::speed_span(1e-6, 20, 0.001, 0.001);
-    const ident::SpeedSpan fine_and_seldom = ident::speed_span(1e-6, 20, 0.001, 0.01);
+    const ident::SpeedSpan noisy = ident::speed_span(4e-3, 20, 0.001, 0.001);
+    const ident::SpeedSpan fine = ident::speed_span(4e-6, 20, 0.001, 0.001);
+    const ident::SpeedSpan fine_and_seldom = ident::speed_span(4e-6, 20, 0.001, 0.01);
     CHECK(fine.standing_speed_rad_per_s < 0.1 * noisy.standing_speed_rad_per_s);
     CHECK(fine_and_seldom.standing_samples >= 10);
     CHECK(fine_and_seldom.standing_samples < 20);
     CHECK(fine_and_seldom.standing_speed_rad_per_s > 20 * 0.01);
     DOUBLES_EQUAL(noisy.standing_speed_rad_per_s,
-                  ident::speed_span(1e-3, 20, 0.001, 0.005).standing_speed_rad_per_s, 0);
+                  ident::speed_span(4e-3, 20, 0.001, 0.005).standing_speed_rad_per_s, 0);
 }
 
 TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
