@@ -110,7 +110,7 @@ inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& f
 inline constexpr double kStillNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
 // And a whole step where the encoder is coarse. That is noise while a wheel turns and none while it stands:
 // the root of twelve of it is a step, twice that where a drive's own loop has taken half of it away.
-inline double still_rad(double noise_rad, double rest_noise_rad) {
+inline double hidden_by_noise_rad(double noise_rad, double rest_noise_rad) {
     constexpr double kStepPerNoise = 2 * 3.4641016151377544;
     const double of_steps = std::max(noise_rad * noise_rad - rest_noise_rad * rest_noise_rad, 0.0);
     return kStillNoises * noise_rad + kStepPerNoise * std::sqrt(of_steps);
@@ -127,7 +127,7 @@ struct SpeedSpan {
     int samples{}, standing_samples{};  // as in RegressionFilterOptions
     double standing_speed_rad_per_s{};
 };
-// `noise_still_rad`: of still_rad(); `slowest_rad_per_s2`: of a wheel that turns round, > 0;
+// `noise_still_rad`: hidden_by_noise_rad(); `slowest_rad_per_s2`: of a wheel that turns round, > 0;
 // `report_period_s`: of the encoders, 0 where it hides nothing.
 inline SpeedSpan speed_span(double noise_still_rad, double slowest_rad_per_s2, double sample_time_s,
                             double report_period_s) {
@@ -231,7 +231,7 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
                                                  kCouplingShare * 2 * s.amplitude_Nm * k7 / (omega * omega));
 
     const SpeedSpan span =
-        speed_span(still_rad(found.angle_noise_rad, found.rest_noise_rad),
+        speed_span(hidden_by_noise_rad(found.angle_noise_rad, found.rest_noise_rad),
                    weakest_per_Nm * (s.amplitude_Nm - friction), r.sample_time_s, r.report_period_s);
     s.speed_span = span.samples;
     s.standing_samples = span.standing_samples;

@@ -487,6 +487,16 @@ TEST(ProbeParts, a_wheel_may_stand_for_as_long_as_reports_hide_it) {
                   ident::speed_span(4e-3, 20, 0.001, 0.005).standing_speed_rad_per_s, 0);
 }
 
+// A quantised angle has a twelfth root of its step as noise (Widrow), and none at rest; white noise hides no
+// step.
+TEST(ProbeParts, a_coarse_encoder_hides_its_step) {
+    constexpr double kStep_rad = 4e-3;
+    for (const double kept : {0.5, 1.0})  // by a drive's own loop
+        CHECK(ident::hidden_by_noise_rad(kept * kStep_rad / std::sqrt(12), 0) > kStep_rad);
+    DOUBLES_EQUAL(3 * std::sqrt(2) * 2e-4, ident::hidden_by_noise_rad(2e-4, 2e-4), 1e-12);
+    DOUBLES_EQUAL(3 * std::sqrt(2) * 2e-4, ident::hidden_by_noise_rad(2e-4, 3e-4), 1e-12);
+}
+
 TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
     ident::ProbeFindings heavy = found();
     heavy.friction_Nm = 6;
