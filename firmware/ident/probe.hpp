@@ -74,12 +74,14 @@ struct ProbeSample {
     std::array<bool, 2> report_is_new{};  // in this cycle
     bool pose_is_new = false;             // an external pose came
     Pose<double> pose;
+    double encoder_lag_s = 0;  // of the slower drive's encoder loop, as far as it is known
 };
 
 struct ProbeFindings {
     IdentCause fault = IdentCause::none;
     double angle_noise_rad{};               // standard deviation of an angle while turning
     double rest_noise_rad{};                // and while nothing moves
+    double encoder_lag_s{};                 // of the slower drive's encoder loop
     WheelPair<double> breakaway_Nm;         // torque at which each wheel moved
     double friction_Nm{};                   // of a wheel while sliding, mean
     double k7_per_kg_m{}, k8_per_kg_m2{};   // rough
@@ -286,6 +288,7 @@ class Probe {
         usable_ = sample.usable;
         report_ = sample.reported_Nm;
         report_is_new_ = sample.report_is_new;
+        found_.encoder_lag_s = sample.encoder_lag_s;
         if (sample.pose_is_new) sides_.add(sample.pose);
     }
 

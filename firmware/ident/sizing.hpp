@@ -49,6 +49,9 @@ inline constexpr double kShortestBit_s = 0.016;
 inline constexpr double kLongestBit_s = 0.050;
 // And reports of the encoders: a parabola goes through three.
 inline constexpr double kReportsInABit = 3;
+// And lags of the drives' encoder loops: how a wheel turns round is what a slow one shows least of, and in
+// short bits all is turning round.
+inline constexpr double kLagsInABit = 3;
 // Torque: what fills the limits in so long a bit, or so many times the friction.
 inline constexpr double kCalmBit_s = 0.055;
 inline constexpr double kOverFriction = 12;
@@ -202,7 +205,8 @@ inline Sizing size_identification(const SizingRequest& r, const ProbeFindings& f
     if (r.amplitude_Nm <= 0)
         s.amplitude_Nm = std::min(s.amplitude_Nm, std::max(bit_at(1) / kCalmBit_s, kOverFriction * friction));
     double bit = bit_at(s.amplitude_Nm);
-    const double shortest_s = std::max(kShortestBit_s, kReportsInABit * r.report_period_s);
+    const double shortest_s =
+        std::max({kShortestBit_s, kReportsInABit * r.report_period_s, kLagsInABit * found.encoder_lag_s});
     if (bit < shortest_s && r.amplitude_Nm <= 0) {
         const double gentle = s.amplitude_Nm * bit / shortest_s;
         if (gentle < kMovesEnough * friction) {

@@ -120,6 +120,8 @@ WheelPair<Real> Learning::identify(const Observed& seen,
         report_ns_[i] = feedback[i]->torque_time_ns;
         encoder_lag_[i].take(encoder_sample(*feedback[i]), encoder_period_s_);
     }
+    const WheelPair<double> lag_s = encoder_lag_s();
+    senses.encoder_lag_s = std::max(lag_s.left, lag_s.right);
     senses.pose_is_new = seen.external_pose != nullptr;
     if (senses.pose_is_new) senses.pose = *seen.external_pose;
     return run_.step(seen.sample, seen.pose, seen.motion.twist, senses);

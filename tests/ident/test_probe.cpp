@@ -460,7 +460,7 @@ TEST(ProbeParts, what_is_given_is_obeyed_and_the_rest_follows) {
     DOUBLES_EQUAL(0.004, given.coupling_standard_error_m, 0);
 }
 
-TEST(ProbeParts, a_bit_holds_three_reports_of_the_encoders) {
+TEST(ProbeParts, a_bit_holds_three_reports_of_the_encoders_and_lags_of_their_loops) {
     ident::SizingRequest r = request();
     const ident::Sizing each_cycle = ident::size_identification(r, found());
     for (const double period_s : {0.001, 0.002}) {
@@ -470,6 +470,9 @@ TEST(ProbeParts, a_bit_holds_three_reports_of_the_encoders) {
     r.report_period_s = 0.02;
     const ident::Sizing seldom = ident::size_identification(r, found());
     DOUBLES_EQUAL(0.06, seldom.bit_time_s, 1e-12);
+    ident::ProbeFindings slow = found();
+    slow.encoder_lag_s = 0.02;
+    DOUBLES_EQUAL(0.06, ident::size_identification(request(), slow).bit_time_s, 1e-12);
     CHECK(each_cycle.bit_time_s < 0.06);
     CHECK(seldom.amplitude_Nm <= each_cycle.amplitude_Nm);
 }
