@@ -298,7 +298,7 @@ class Probe {
                 speed_.right * options_.geometry.wheel_radius_m.right};
     }
     double breakaway_Nm() const { return std::max(found_.breakaway_Nm.left, found_.breakaway_Nm.right); }
-    double moved_enough() const { return std::max(kMoved_rad, kNoises * found_.rest_noise_rad); }
+    double moved_enough() const { return std::max(kMoved_rad, kNoises * rest_noise_rad_); }
 
     void rest() {
         if (usable_ && stage_s() > kRest_s / 4) {
@@ -306,7 +306,7 @@ class Probe {
             rest_fit_other_.add(stage_s(), angle_.right);
         }
         if (stage_s() < kRest_s) return;
-        found_.rest_noise_rad =
+        rest_noise_rad_ =
             std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
         const WheelPair<double> m = moved();
         if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough())
@@ -342,13 +342,13 @@ class Probe {
 
     // Third differences over a few samples, or as many as lie between two reports: what is smooth, even a
     // torque's noise, leaves next to nothing in them.
-    void measure_noise(double leg_s) {
+    void measure_noise(double moved_alike_s, Mean& power, double& noise_rad) {
         const double report_samples = 2 * options_.report_period_s / options_.sample_time_s;
         const auto apart = std::max<std::size_t>(4, static_cast<std::size_t>(std::lround(report_samples)));
         const std::size_t span = 3 * apart;
         const double span_s = static_cast<double>(span) * options_.sample_time_s;
         const auto before = [&](std::size_t samples) { return ring_[(ring_at_ - 1 - samples) % kRing]; };
-        if (span >= kRing || leg_s <= 2 * settle_s() || leg_s <= 2 * later_s() + span_s ||
+        if (span >= kRing || moved_alike_s <= 2 * settle_s() || moved_alike_s <= 2 * later_s() + span_s ||
             cycle_ - before(span).cycle != span)
             return;
         const auto third = [&](double WheelPair<double>::*side) {
@@ -357,8 +357,8 @@ class Probe {
         };
         constexpr double kPower = 1 + 9 + 9 + 1;
         const double left = third(&WheelPair<double>::left), right = third(&WheelPair<double>::right);
-        noise_power_.add((left * left + right * right) / (2 * kPower));
-        found_.angle_noise_rad = std::sqrt(noise_power_.mean());
+        power.add((left * left + right * right) / (2 * kPower));
+        noise_rad = std::sqrt(power.mean());
     }
 
     // Until the robot stands for a while.
@@ -366,7 +366,7 @@ class Probe {
         if (stage_ != Stage::pause) return;
         const WheelPair<double> v = rim_speed();
         const auto& r = options_.geometry.wheel_radius_m;
-        const double noise_m = std::max(r.left, r.right) * found_.rest_noise_rad;
+        const double noise_m = std::max(r.left, r.right) * rest_noise_rad_;
         const double slow = 0.02 * options_.speed_limit_m_per_s;
         // In kStill_s it may go no further than slowly, beyond what noise makes of a place.
         const double gone = std::max(r.left * std::abs(angle_.left - still_at_.left),
@@ -385,6 +385,10 @@ class Probe {
                        -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
         }
         ++still_cycles_;
+        // after a push, as a drive's encoder loop is known then or is not, in both
+        if (usable_ && (ramped_ == Stage::forward || ramped_ == Stage::turning))
+            measure_noise(still_cycles_ * options_.sample_time_s - kStill_s / 2, rest_noise_power_,
+                          found_.rest_noise_rad);
         if (still_cycles_ * options_.sample_time_s < kStill_s && stage_s() < kLongestPause_s) return;
         const Stage next = next_;
         if (next == Stage::forward) {
@@ -491,7 +495,8 @@ class Probe {
             if (rolls_[0]) fit_[leg_][0].add(leg_s, angle_.left);
             if (rolls_[1]) fit_[leg_][1].add(leg_s, angle_.right);
             compare_report(2 * settle_s());
-            if (leg_ == 0) measure_noise(leg_s);  // on its way back a wheel turns round
+            if (leg_ == 0)  // on its way back a wheel turns round
+                measure_noise(leg_s, noise_power_, found_.angle_noise_rad);
         }
         if (leg_ == 0) {
             quick_cycles_ = fastest > fast ? quick_cycles_ + 1 : 0;
@@ -804,6 +809,7 @@ class Probe {
     std::size_t ring_at_ = 0;
     std::uint32_t cycle_ = 0;
     Parabola rest_fit_, rest_fit_other_;
+    double rest_noise_rad_ = 0;
     std::array<RampAnswer, 2> ramps_{};
     double k7_per_kg_m_ = 0;
     std::array<bool, 2> rolls_{};
@@ -814,7 +820,7 @@ class Probe {
     std::array<Parabola, 2> pulse_fit_{};
     WheelPair<double> forward_, forward_error_, own_error_;
     std::array<std::array<Mean, 2>, 2> answer_{};  // whole and half, each wheel
-    Mean noise_power_;
+    Mean noise_power_, rest_noise_power_;
     WheelPair<double> push_begin_;
     WheelPair<double> left_changed_,
         right_changed_;  // both angles when this wheel's last changed, or was not pushed
