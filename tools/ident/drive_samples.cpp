@@ -177,6 +177,7 @@ std::vector<MeasuredLog> even_samples(const DriveLog& log, const model::RobotPar
         const auto length = static_cast<std::ptrdiff_t>(run.size());
         if (static_cast<double>(length) * cycle_s < kShortestStretch_s) continue;
         MeasuredLog stretch;
+        stretch.by_angles = true;
         stretch.period_s = static_cast<double>(period) * cycle_s;
         const auto angle = [&](std::ptrdiff_t n) {
             return run[static_cast<std::size_t>(n)].sample.angle_rad;

@@ -24,6 +24,7 @@ struct MeasuredLog {
     double period_s = 0;  // mean step of the file
     bool has_gyro = false;
     bool has_accel = false;
+    bool by_angles = false;          // the speeds are an encoder's angles' differences: with its steps
     double start_heading_rad = 0;    // of the first sample, where something tells
     std::string run;                 // of a file that holds several
     std::vector<std::size_t> lines;  // of the file, for each sample; 0: put in, or several in one

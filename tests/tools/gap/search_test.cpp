@@ -216,6 +216,13 @@ TEST(GapSensors, a_sensor_slower_than_the_log_loses_no_rows_and_its_counts_are_n
         const gap::Sensors sensors = gap::sensors_of({log}, {{0.08, 0.08}, 0.4});
         CHECK_EQUAL(together == 1 ? 1U : 0U, sensors.effects.size());
         DOUBLES_EQUAL(together == 1 ? 0 : 0.12, sensors.unknown_step_rad_per_s, 1e-9);
+        CHECK_FALSE(gap::known_before(sensors, {}, 0.4).white_noise);
+        log.by_angles = true;  // as fine as the speeds may look then: an encoder's steps
+        for (tools::MeasuredSample& s : log.samples)
+            s.speed_rad_per_s.left = s.speed_rad_per_s.right = 9 + 6 * std::sin(1.3 * s.t_s);
+        CHECK_FALSE(gap::known_before(gap::sensors_of({log}, {{0.08, 0.08}, 0.4}), {}, 0.4).white_noise);
+        log.by_angles = false;
+        CHECK(gap::known_before(gap::sensors_of({log}, {{0.08, 0.08}, 0.4}), {}, 0.4).white_noise);
     }
 }
 

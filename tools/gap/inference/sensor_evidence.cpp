@@ -40,7 +40,8 @@ Known known_before(const Sensors& sensors, std::span<const std::size_t> excluded
     constexpr double kShortLag_s = 0.003;
     Known known;
     known.excluded.assign(excluded.begin(), excluded.end());
-    known.white_noise = !shows(sensors.effects, kCounts) && sensors.unknown_step_rad_per_s == 0;
+    known.white_noise =
+        !shows(sensors.effects, kCounts) && sensors.unknown_step_rad_per_s == 0 && !sensors.by_angles;
     if (!sensors.gyro) return known;
     for (const SensorEffect& e : sensors.effects) {
         if (e.effect != kMeasurementLag) continue;

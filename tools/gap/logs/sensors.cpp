@@ -446,6 +446,8 @@ std::vector<LogFault> repair(MeasuredLog& log, std::vector<bool>& unusable) {
 Sensors sensors_of(const std::vector<MeasuredLog>& logs, const model::Geometry<double>& geometry,
                    bool turning, std::span<const std::size_t> excluded) {
     Sensors sensors;
+    sensors.by_angles =
+        std::any_of(logs.begin(), logs.end(), [](const MeasuredLog& log) { return log.by_angles; });
     const auto add = [&](const char* name, double value, double error) {
         const std::size_t effect = model::find_effect(name);
         const bool is_excluded = std::find(excluded.begin(), excluded.end(), effect) != excluded.end();

@@ -37,6 +37,7 @@ struct SensorEffect {
 struct Sensors {
     std::vector<SensorEffect> effects;
     double unknown_step_rad_per_s = 0;  // of the speeds, by counts over an unknown time
+    bool by_angles = false;             // the speeds are: their noise is an encoder's steps, and not white
     bool late_report = false;           // of the wheel speeds: the gyro says so, and it is excluded
     // gyro = bias + slope (wheels' yaw rate) + bend v, behind the wheels by `lag_s`
     struct Gyro {
