@@ -28,8 +28,7 @@ struct PlantModel {
 // Dry friction is compensated by the sign of the *reference* speed, softened over soft_speed, because a sign
 // of the measured speed chatters at rest; measured speed joins in where it is beyond doubt (sure_speed), so
 // that a braking wheel is not told to push against a friction that already brakes it. Beyond doubt is six
-// standard deviations of the observer's speed, and 0.45 % of the speed limit, as the noise may not be known
-// (where it is, this share makes no difference: strangers' ripple and figure-8 are the same without);
+// standard deviations of the observer's speed, and 0.45 % of the speed limit, as the noise may not be known;
 // softened over a 3.75th of it.
 inline constexpr double kObserverCycle_s = 1e-3;  // the firmware's cycle
 inline constexpr double kSureSigmas = 6;
@@ -49,7 +48,7 @@ PlantModel<Real> plant_model(const model::RobotParameters& from) {
     to.geometry = model::actual_geometry(to.effects, to.geometry);
     // The observer averages an angle's noise over its time: sigma omega sqrt(omega T), T between reports.
     const double bandwidth = velocity_loop_speed(from, kObserverCycle_s).observer_bandwidth_rad_per_s;
-    const double report_s = std::max(kObserverCycle_s, 1e-3 * from.drive.encoder_period_ms);
+    const double report_s = encoder_report_s(from, kObserverCycle_s);
     const double noise = from.velocity_loop.angle_noise_rad * bandwidth * std::sqrt(bandwidth * report_s);
     const double sure =
         std::max(kSureSigmas * noise, kSureShare * from.limits.speed_m_per_s / from.geometry.mean_radius_m());

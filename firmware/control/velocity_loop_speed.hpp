@@ -27,6 +27,11 @@ inline double accelerating_Nm(const model::RobotParameters& from) {
     return std::max(limit_Nm - model::dry_friction_Nm(from.effects, from.geometry), limit_Nm / 10);
 }
 
+// How often the encoders are reported: each cycle, or as the robot file says.
+inline double encoder_report_s(const model::RobotParameters& from, double cycle_s) {
+    return std::max(cycle_s, 1e-3 * from.drive.encoder_period_ms);
+}
+
 // What the robot file says; "auto" follows from the robot:
 // - delay: a loop needs some fourteen times its delay to settle (where an effect makes the torque later, this
 //   bounds a given time too). Reports of the encoders that come less often than each cycle are in the mean
@@ -46,7 +51,7 @@ inline VelocityLoopSpeed velocity_loop_speed(const model::RobotParameters& from,
     constexpr double kStepShare = 0.3;
     const auto& loop = from.velocity_loop;
     const double effects_s = model::effects_delay_s(from.effects);
-    const double report_s = std::max(cycle_s, 1e-3 * from.drive.encoder_period_ms);
+    const double report_s = encoder_report_s(from, cycle_s);
     const double by_delay_s =
         kSettlingPerDelay * (loop.actuation_delay_s + effects_s + (report_s - cycle_s) / 2);
     VelocityLoopSpeed speed{loop.settling_time_s, loop.observer_bandwidth_rad_per_s};

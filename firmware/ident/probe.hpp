@@ -340,8 +340,9 @@ class Probe {
         if (stage_s() > kSteadyRamp_s) compare_report(0);
     }
 
-    // Third differences over a few samples, or as many as lie between two reports: what is smooth, even a
-    // torque's noise, leaves next to nothing in them.
+    // Adds to the power of an angle's noise, and takes its root: third differences over a few samples, or
+    // over two reports, for angles nearer to each other may rest on the same one. What is smooth, even a
+    // torque's noise, leaves next to nothing in them. `moved_alike_s`: since a torque has changed.
     void measure_noise(double moved_alike_s, Mean& power, double& noise_rad) {
         const double report_samples = 2 * options_.report_period_s / options_.sample_time_s;
         const auto apart = std::max<std::size_t>(4, static_cast<std::size_t>(std::lround(report_samples)));
