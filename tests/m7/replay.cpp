@@ -157,7 +157,8 @@ struct Quantity {
     const char* name;
     double tolerance;
 };
-// Each is two to three times what was found over 30 s, and far below what can be measured. A velocity loop's
+// Each but the torque's is two to three times what was found over 30 s; all are far below what can be
+// measured. A velocity loop's
 // integral, which in a replay nothing brings back, adds up the rounding of speeds: the 2000 cycles of pose
 // mode, each of 6e-8 of 1 m/s at the loop's gain, make two thousandths of the torque.
 constexpr std::array kQuantities{
