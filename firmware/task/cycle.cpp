@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "firmware/task/setpoints.hpp"
 
@@ -289,7 +290,9 @@ MotionOutput Cycle::decide(const supervisor::Verdict& verdict, const Observed& s
     if (verdict.owner == Owner::law && mode.law == Law::excitation) {
         output.torque_Nm = learning_.identify(seen, {&ports_.left.feedback(), &ports_.right.feedback()});
         if (!may_brake() && learning_.probed()) use_rough_model();
-        if (learning_.run().state() == ident::IdentState::probing)
+        // For some reports no angle is known then: not while the wheels are pushed.
+        const auto rests = [&output] { return output.torque_Nm.left == 0 && output.torque_Nm.right == 0; };
+        if (learning_.run().state() == ident::IdentState::probing && rests())
             senses_.set_encoder_lag(learning_.encoder_lag_s());
     } else if (verdict.owner == Owner::law) {
         output = control_.torque(mode, seen, host_);
@@ -316,13 +319,19 @@ void Cycle::send(std::int64_t) {
     ports_.right.command_torque(output_.torque_Nm.right, torques_);
     senses_.torque_sent(output_.torque_Nm);
     const std::uint32_t refused = send_refused_;
+    // On a jammed bus one torque for each drive may grow old, not a queue of them; one zero may stand behind
+    // it, so that a stop is on the wire as soon as what it ends.
+    const bool zero_waited = std::exchange(zero_waits_, false);
     for (const hal::CanFrame& frame : torques_.frames()) {
-        // On a jammed bus one torque for each drive may grow old, not a queue of them.
         if (ports_.drive_bus.waits(frame.id)) {
-            ++send_refused_;
-        } else {
-            transmit(ports_.drive_bus, frame, drive_meter_);
+            const bool zero = output_.torque_Nm.left == 0 && output_.torque_Nm.right == 0;
+            zero_waits_ |= zero || zero_waited;
+            if (!zero || zero_waited) {
+                ++send_refused_;
+                continue;
+            }
         }
+        transmit(ports_.drive_bus, frame, drive_meter_);
     }
     refused_torques_ = send_refused_ == refused ? 0 : refused_torques_ + 1;
     for (const hal::CanFrame& frame : outbox_.frames()) {
@@ -344,7 +353,7 @@ void Cycle::send(std::int64_t) {
         if (frame.id == protocol::Timing::id) longest_wake_ns_ = longest_execution_ns_ = 0;
     }
     drive_meter_.step(elapsed_s());
-    host_meter_.step(elapsed_s());
+    if (ports_.host_bus != nullptr) host_meter_.step(elapsed_s());
 }
 
 bool Cycle::transmit(hal::CanBus& bus, const hal::CanFrame& frame, BusMeter& meter) {

@@ -175,6 +175,7 @@ class Cycle {
     bool rough_model_ = false;  // the controllers' model is the probe's, as none was known
     bool bus_lost_ = false;
     int refused_torques_ = 0;
+    bool zero_waits_ = false;  // behind an old torque
     std::uint32_t send_refused_ = 0;
     std::int64_t longest_wake_ns_ = 0;
     std::int64_t longest_execution_ns_ = 0;

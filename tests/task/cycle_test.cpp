@@ -623,6 +623,38 @@ TEST(WholeCycle, a_stop_does_not_wait_for_its_phase_nor_behind_telemetry) {
     }
 }
 
+// Where the other drive's torque is still on its way, its zero would leave a cycle later than this one's.
+TEST(WholeCycle, one_zero_may_stand_behind_an_old_torque) {
+    for (const std::uint32_t jammed : {kLeft, kRight}) {
+        Rig rig;
+        rig.drive();
+        rig.bus.waiting = jammed;
+        rig.run(1);
+        CHECK_EQUAL(-128, rig.sent_mNm(jammed));
+        for (int again = 0; again < 2; ++again) {
+            rig.pushes = false;
+            rig.push(0, 0);
+            rig.run(1);
+            CHECK_EQUAL(0, rig.sent_mNm(jammed));
+            rig.push(0, 0);
+            rig.run(1);
+            CHECK_EQUAL(-128, rig.sent_mNm(jammed));
+            rig.push();
+            rig.run(1);
+            CHECK_EQUAL(-128, rig.sent_mNm(jammed));  // the zero is the last word while they wait
+            rig.push(0, 0);
+            rig.run(1);
+            CHECK_EQUAL(-128, rig.sent_mNm(jammed));
+            rig.bus.waiting = 0xFFFF;
+            rig.push();
+            rig.run(1);
+            CHECK_EQUAL(jammed == kLeft ? 20 : -30, rig.sent_mNm(jammed));
+            rig.bus.waiting = jammed;
+        }
+        CHECK(rig.fault() == Fault::none);
+    }
+}
+
 TEST(WholeCycle, the_longest_wake_up_latency_is_told_once) {
     Rig rig;
     rig.late_ns = 700'000;

@@ -114,6 +114,17 @@ TEST(LoneWheels, in_the_air_stay_lifted_after_brisk_pushes) {
     STRCMP_EQUAL("left_wheel_off_ground", result.end.c_str());
 }
 
+// Its drives' encoder loops are known only when it runs away. Angles that were made anew then left the probe
+// blind for two reports of 10 ms, in full push.
+TEST(LoneWheels, in_the_air_are_seen_all_the_way) {
+    const RobotResult result = run_trial(draw_robot(669220056, 333, RobotFault::wheel_in_air), {"", false});
+    STRCMP_EQUAL("left_wheel_off_ground", result.end.c_str());
+    const auto& limits = result.robot.believed.parameters.limits;
+    const double track_m = result.robot.believed.parameters.geometry.track_m;
+    CHECK(result.fastest_m_per_s <
+          0.8 * (limits.speed_m_per_s + limits.yaw_rate_rad_per_s * track_m / 2));  // 1.008 then
+}
+
 TEST_GROUP(NoisyEncoders){};
 
 // White noise of a tenth of a degree on the wheel's angle, worse than any encoder that is drawn with a gear
