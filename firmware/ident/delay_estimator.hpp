@@ -127,7 +127,11 @@ class DelayEstimator {
         phi[kCrossTorque] = (cross(row.torque_Nm[1]) + cross(row.torque_Nm[2])) / 2;  // in the middle
         for (std::size_t j = 0; j < static_cast<std::size_t>(filter_.columns()); ++j)
             phi[kFixed + j] = combine(row.column[j]);
-        equation.errors.push(phi, equation.rls.update(phi, y));
+        // of the noise alone: what is not known yet mispredicts, and one such row would be most of the power
+        const auto projection = equation.rls.projection(phi);
+        const Real innovation = equation.rls.innovation(phi, y);
+        equation.rls.update_projected(projection, innovation);
+        equation.errors.push(phi, innovation / std::sqrt(1 + projection.variance));
     }
 
     // sum(c_k t_k) / sum(c_k), t_k from the first tap on, and its first-order variance.

@@ -402,10 +402,7 @@ class DynamicsEstimator {
         equation.monitor.settle();
         equation.torque_power += phi[kTorque] * phi[kTorque];
         equation.slow_power += phi[kTorque] * phi[kSlowTorque];
-        Real innovation = y;
-        for (int i = 0; i < kFixed + columns_; ++i)
-            innovation -=
-                phi[static_cast<std::size_t>(i)] * equation.rls.theta()[static_cast<std::size_t>(i)];
+        const Real innovation = equation.rls.innovation(phi, y);
         const Real weight = equation.noise.weight();
         let_timing_wander(equation, timing, weight);
         for (Real& x : phi) x *= weight;

@@ -71,10 +71,13 @@ class UdRls {
 
     // Eq (32)-(35). Returns the innovation y - phi^T theta.
     Real update(const Vector& phi, Real y) {
-        Real innovation = y;
-        for (int i = 0; i < size(); ++i) innovation -= phi[index(i)] * theta_[index(i)];
-        update_with_innovation(phi, innovation);
-        return innovation;
+        const Real unexplained = innovation(phi, y);
+        update_with_innovation(phi, unexplained);
+        return unexplained;
+    }
+    Real innovation(const Vector& phi, Real y) const {
+        for (int i = 0; i < size(); ++i) y -= phi[index(i)] * theta_[index(i)];
+        return y;
     }
 
     // The same for a model that is not linear: phi is the gradient of the prediction, `innovation` what was
