@@ -42,6 +42,7 @@ struct WheelPair {
     }
     constexpr Real sum() const { return right + left; }         // drives the robot forward
     constexpr Real difference() const { return right - left; }  // turns the robot counter-clockwise
+    constexpr bool is_zero() const { return left == 0 && right == 0; }
 };
 
 // Velocity of the robot: u = (v, ω) of the paper.

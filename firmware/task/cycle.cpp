@@ -291,8 +291,7 @@ MotionOutput Cycle::decide(const supervisor::Verdict& verdict, const Observed& s
         output.torque_Nm = learning_.identify(seen, {&ports_.left.feedback(), &ports_.right.feedback()});
         if (!may_brake() && learning_.probed()) use_rough_model();
         // For some reports no angle is known then: not while the wheels are pushed.
-        const auto rests = [&output] { return output.torque_Nm.left == 0 && output.torque_Nm.right == 0; };
-        if (learning_.run().state() == ident::IdentState::probing && rests())
+        if (learning_.run().state() == ident::IdentState::probing && output.torque_Nm.is_zero())
             senses_.set_encoder_lag(learning_.encoder_lag_s());
     } else if (verdict.owner == Owner::law) {
         output = control_.torque(mode, seen, host_);
@@ -324,7 +323,7 @@ void Cycle::send(std::int64_t) {
     const bool zero_waited = std::exchange(zero_waits_, false);
     for (const hal::CanFrame& frame : torques_.frames()) {
         if (ports_.drive_bus.waits(frame.id)) {
-            const bool zero = output_.torque_Nm.left == 0 && output_.torque_Nm.right == 0;
+            const bool zero = output_.torque_Nm.is_zero();
             zero_waits_ |= zero || zero_waited;
             if (!zero || zero_waited) {
                 ++send_refused_;

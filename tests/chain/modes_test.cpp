@@ -115,6 +115,25 @@ TEST(ChainModes, a_configured_ramp_brakes_the_robot_before_the_torque_ends) {
     CHECK(sim.cycle().supervisor().fault() == Fault::stale_command);
 }
 
+// The torque that moved the robot against friction when it was stopped is none to begin with at rest.
+TEST(ChainModes, loops_that_were_stopped_begin_anew) {
+    model::RobotParameters truth = chain::real().parameters;
+    truth.effects.parameter[model::find_effect("coulomb_friction")] = {1, 1};
+    Simulation sim(chain::identified(), truth, chain::options(41));
+    cruise(sim);
+    CHECK(sim.cycle().report().torque_Nm.left > 0.8);
+    sim.host().emergency_stop();
+    CHECK(sim.run_until([&] { return sim.cycle().supervisor().mode() == Mode::fault; }, 0.1));
+    sim.run_for(1);
+    sim.host().clear_fault();
+    sim.run_for(0.1);
+    sim.host().velocity({0, 0});
+    CHECK(enter_mode(sim, Mode::velocity));
+    const WheelPair<double> torque = sim.cycle().report().torque_Nm;
+    std::printf("  begins with %.3f, %.3f Nm\n", torque.left, torque.right);
+    CHECK(std::max(std::abs(torque.left), std::abs(torque.right)) < 0.1);
+}
+
 TEST(ChainModes, termination_brakes_puts_the_drives_to_idle_and_ends) {
     Simulation sim(chain::identified(), chain::real().parameters, chain::options(4));
     cruise(sim);

@@ -633,6 +633,11 @@ TEST(WholeCycle, one_zero_may_stand_behind_an_old_torque) {
         CHECK_EQUAL(-128, rig.sent_mNm(jammed));
         for (int again = 0; again < 2; ++again) {
             rig.pushes = false;
+            for (const bool left : {true, false}) {  // one wheel's is none
+                rig.push(left ? 0 : 0.02, left ? 0.02 : 0);
+                rig.run(1);
+                CHECK_EQUAL(-128, rig.sent_mNm(jammed));
+            }
             rig.push(0, 0);
             rig.run(1);
             CHECK_EQUAL(0, rig.sent_mNm(jammed));
