@@ -75,6 +75,7 @@ class UdRls {
         update_with_innovation(phi, unexplained);
         return unexplained;
     }
+    // y - phi^T theta, in y's unit; changes nothing.
     Real innovation(const Vector& phi, Real y) const {
         for (int i = 0; i < size(); ++i) y -= phi[index(i)] * theta_[index(i)];
         return y;

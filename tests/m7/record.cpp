@@ -48,8 +48,8 @@ class Drive {
         tools::RigOptions options;
         options.world = robots.world;
         // float's last digits choose another step of the loops' gain, or another cycle at a limit, in most
-        // drives, and estimates then differ by up to 23 times the tolerances (docs/target.md): not in this
-        // one
+        // drives: what is compared then differs by up to 23 times the tolerances (docs/target.md). Not in
+        // this one
         options.seed = 23;
         options.digital_lines = true;
         options.front = &bus_;

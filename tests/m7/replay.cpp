@@ -157,10 +157,10 @@ struct Quantity {
     const char* name;
     double tolerance;
 };
-// Each but the torque's is two to three times what was found over 30 s; all are far below what can be
-// measured. A velocity loop's
-// integral, which in a replay nothing brings back, adds up the rounding of speeds: the 2000 cycles of pose
-// mode, each of 6e-8 of 1 m/s at the loop's gain, make two thousandths of the torque.
+// One to five times what was found over 30 s in the drive that is recorded (record.cpp), and far below what
+// can be measured. A velocity loop's integral, which in a replay nothing brings back, adds up the rounding of
+// speeds: the 2000 cycles of pose mode, each of 6e-8 of 1 m/s at the loop's gain, make two thousandths of the
+// torque.
 constexpr std::array kQuantities{
     Quantity{"torque / limit", 2e-3}, Quantity{"v, m/s", 1e-6},       Quantity{"omega, rad/s", 1e-5},
     Quantity{"position, m", 5e-6},    Quantity{"heading, rad", 5e-5}, Quantity{"K7 and K8, relative", 1e-5},
