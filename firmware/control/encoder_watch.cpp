@@ -24,6 +24,11 @@ constexpr Real kTurnShare = Real(0.25);   // of what full torque makes of a turn
 constexpr int kAveraged = 64;             // spans
 constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
+constexpr Real kLeaptAlone = Real(0.05);  // of a leap, is the other wheel's
+constexpr int kSettled = 4;               // spans: the observer has followed the leap
+constexpr Real kLeastShare = Real(0.2);   // encoders lose each other count, or three of four
+constexpr Real kScaleDoubt = Real(1) / 3;
+constexpr int kMostSpansAfterLeap = 64;
 
 // Where K5 and K6 are zeros nobody has found them yet.
 bool knows_body(const model::Dynamics<Real>& k) { return k.k5_m != 0 || k.k6_per_m != 0; }
@@ -78,6 +83,7 @@ void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     instants_known_ = cycles_ = 0;
     against_cycles_ = against_push_cycles_ = {};
     turned_spans_ = 0;
+    leapt_ = {};
     mirrored_ = false;
 }
 
@@ -277,7 +283,62 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
     const bool exchanged = settings_.known_friction_Nm == 0 && turns_against(from, now, body_rad_per_s);
     const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
-    return turned || left || right || exchanged || against_pushes;
+    return turned || left || right || exchanged || against_pushes || scaled(expected, told);
+}
+
+// Whether a wheel's speed has leapt to a part of itself while the other wheel did as expected, and has since
+// gained the same part of what it should. What truly slows one wheel pulls at the other one too, and lets it
+// gain as before, or less by another part. `expected`, `told`: gains in the last span.
+bool EncoderWatch::scaled(const WheelPair<Real>& expected, const WheelPair<Real>& told) {
+    const auto of = [this](const WheelPair<Real>& pair) { return leapt_.right ? pair.right : pair.left; };
+    const Real now = of(instants_[newest_].speed_rad_per_s);
+    if (leapt_.spans == 0) {
+        leap(expected, told);
+        return false;
+    }
+    leapt_.should_rad_per_s += of(expected);
+    if (++leapt_.spans <= kSettled) {
+        leapt_.from_rad_per_s = leapt_.should_rad_per_s;
+        leapt_.told_rad_per_s = now;
+        return false;
+    }
+    const Real share = leapt_.told_rad_per_s / leapt_.from_rad_per_s;
+    const Real gained = leapt_.should_rad_per_s - leapt_.from_rad_per_s;
+    // So far apart are the speeds that a scale and a push foretell.
+    const Real apart = std::abs((1 - share) * gained);
+    const Real noise = kBeyondNoise * unexpected_rad_per_s_;
+    if (apart >= full_rad_per_s_ && apart * apart >= Real(leapt_.spans) * noise * noise) {
+        const Real off = now - leapt_.told_rad_per_s - share * gained;
+        if (!(std::abs(off) <= kScaleDoubt * apart)) {
+            leapt_ = {};
+            return false;
+        }
+        if (++leapt_.scaled_spans >= int(kInstants)) return true;
+    }
+    const bool a_part = share >= kLeastShare && share <= 1 - kLeastShare;
+    if (!a_part || leapt_.spans >= kMostSpansAfterLeap) leapt_ = {};
+    return false;
+}
+
+// Whether a leap of one wheel's speed has just ended, which no torque and no brake makes.
+void EncoderWatch::leap(const WheelPair<Real>& expected, const WheelPair<Real>& told) {
+    if (instants_known_ < int(kInstants)) return;
+    const Instant& now = instants_[newest_];
+    const Instant& from = instants_[(newest_ + 1) % kInstants];
+    const auto should = [&](Real WheelPair<Real>::*wheel) {
+        return from.speed_rad_per_s.*wheel + (now.expected_rad_per_s.*wheel - from.expected_rad_per_s.*wheel);
+    };
+    const Real left = std::abs(now.speed_rad_per_s.left - should(&WheelPair<Real>::left));
+    const Real right = std::abs(now.speed_rad_per_s.right - should(&WheelPair<Real>::right));
+    const auto wheel = right > left ? &WheelPair<Real>::right : &WheelPair<Real>::left;
+    const bool ended = std::abs(told.*wheel - expected.*wheel) < full_rad_per_s_;
+    if (!ended || std::max(left, right) <= Real(kInstants) * full_rad_per_s_ ||
+        std::min(left, right) > kLeaptAlone * std::max(left, right))
+        return;
+    leapt_ = {};
+    leapt_.right = right > left;
+    leapt_.should_rad_per_s = should(wheel);
+    leapt_.spans = 1;
 }
 
 // What a body that turns may make of a wheel's speed in the last span, where nobody knows K5 and K6 yet: it

@@ -694,6 +694,74 @@ TEST(EncoderWatchTable, a_wheel_that_is_accelerated_from_rest_shows_the_wrong_wa
     }
 }
 
+// A leap to a share of itself, and then gains of such a share of what is expected. Full torque makes 0.625.
+TEST(EncoderWatchTable, a_speed_that_leaps_to_a_share_and_gains_that_share_is_not_believed) {
+    struct Row {
+        const char* what;
+        double was = 16, share = 0.5, gains_share = 0.5, expected = 0.63, other_leaps = 0, noise = 0;
+        int before = 70;
+        // one in which it ends, three to settle, two until 0.315 a span are 0.625, seven more
+        int seen = 13;
+    };
+    const Row rows[] = {
+        {.what = "half of the counts"},
+        {.what = "a push", .gains_share = 1, .seen = 0},
+        {.what = "gains nothing", .gains_share = 0, .seen = 0},
+        {.what = "no gain is expected", .expected = 0, .seen = 0},
+        {.what = "slows down", .expected = -0.63},
+        // by then the share is 0.52 or 0.47
+        {.what = "a third more", .gains_share = 0.68, .seen = 14},
+        {.what = "more than that", .gains_share = 0.69, .seen = 0},
+        {.what = "a third less", .gains_share = 0.3},
+        {.what = "less than that", .gains_share = 0.29, .seen = 0},
+        {.what = "a quarter of the counts", .share = 0.25, .gains_share = 0.25},  // 0.47 a span
+        {.what = "a fifth", .was = 32, .share = 0.201, .gains_share = 0.2},
+        {.what = "less than a fifth", .was = 32, .share = 0.199, .gains_share = 0.2, .seen = 0},
+        {.what = "turns round", .was = 32, .share = -0.4, .gains_share = -0.4, .seen = 0},
+        {.what = "four fifths", .was = 32, .share = 0.799, .gains_share = 0.8, .seen = 16},  // 0.126 a span
+        {.what = "more than four fifths", .was = 32, .share = 0.801, .gains_share = 0.8, .seen = 0},
+        {.what = "twice", .was = 32, .share = 2, .gains_share = 2, .seen = 0},
+        {.what = "the other wheel leaps too", .other_leaps = 0.07, .seen = 0},
+        {.what = "the other wheel leaps back", .other_leaps = -0.07, .seen = 0},
+        {.what = "the other wheel hardly leaps", .other_leaps = 0.05},
+        // eight spans of full torque make 5
+        {.what = "less than eight spans make", .was = 5.5, .seen = 0},
+        {.what = "a leap of 4.65 and 0.315", .was = 9.3, .seen = 14},
+        {.what = "a leap of 4.7 and 0.315", .was = 9.4},
+        {.what = "known 64 spans after", .expected = 0.024, .seen = 64},
+        {.what = "not by then", .expected = 0.0235, .seen = 0},
+        // both wheels' by turns: 0.315 a span are more than 0.5 of the root of the spans three spans later
+        {.what = "noise", .noise = 0.1, .seen = 16},
+        {.what = "its first spans are not known", .before = 5, .seen = 14},
+    };
+    for (const Row& row : rows) {
+        for (const bool right : {false, true}) {
+            for (const int sign : {1, -1}) {
+                const auto as = [&](double its, double others) {
+                    return one(right, sign * its, sign * others);
+                };
+                Told t;
+                for (int n = 0; n < row.before; ++n) {
+                    const double by = n % 2 == 0 ? 0 : row.noise;
+                    CHECK_FALSE(t.span(as(row.was + by, row.was + by), {}));
+                }
+                const double leap = row.was * (1 - row.share);
+                CHECK_FALSE_TEXT(t.gains(as(-leap, -row.other_leaps * leap), {}), row.what);
+                int seen = 0;
+                for (int n = 1; n <= 70 && seen == 0; ++n) {
+                    const double by = n % 2 == 0 ? -row.noise : row.noise;
+                    if (t.gains(as(row.gains_share * row.expected + by, by), as(row.expected, 0))) seen = n;
+                }
+                LONGS_EQUAL_TEXT(row.seen, seen, row.what);
+                if (seen == 0) continue;
+                t.watch.rest(t.told());
+                EncoderWatch rested = t.watch;
+                CHECK_FALSE(t.update(rested, {}));
+            }
+        }
+    }
+}
+
 // In a span: a, against what is expected; g, as expected; n, neither; o, the other wheel is not as expected;
 // t, too little.
 TEST(EncoderWatchTable, gains_of_speed_against_what_is_expected_add_up_to_80_cycles) {
