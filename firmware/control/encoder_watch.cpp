@@ -84,7 +84,7 @@ void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     against_cycles_ = against_push_cycles_ = {};
     turned_spans_ = 0;
     leapt_ = {};
-    mirrored_ = false;
+    leaps_ = mirrored_ = false;
 }
 
 bool EncoderWatch::update(Real elapsed_s, const std::array<EncoderAngle, 2>& told,
@@ -268,8 +268,9 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
     const WheelPair<Real> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
                                now.speed_rad_per_s.right - last.speed_rad_per_s.right};
     // By the wheel that is more as expected, as the other one may lie.
-    const Real unexpected =
-        std::min(std::abs(told.left - expected.left), std::abs(told.right - expected.right));
+    const Real left_off = std::abs(told.left - expected.left);
+    const Real right_off = std::abs(told.right - expected.right);
+    const Real unexpected = std::min(left_off, right_off);
     spans_averaged_ = std::min(spans_averaged_ + 1, kAveraged);
     unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / Real(spans_averaged_);
 
@@ -281,21 +282,21 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
         std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s));
     const bool left = against(0, expected, told, least);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
-    const bool exchanged = settings_.known_friction_Nm == 0 && turns_against(from, now, body_rad_per_s);
-    const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
-    return turned || left || right || exchanged || against_pushes || scaled(expected, told);
+    const bool exchanged = settings_.known_friction_Nm > 0 ? against_push(speed_rad_per_s, told, plant)
+                                                           : turns_against(from, now, body_rad_per_s);
+    const bool is_scaled = leapt_.spans != 0 && scaled(expected);
+    const bool leaps = std::max(left_off, right_off) >= full_rad_per_s_;
+    if (leaps_ && !leaps && leapt_.spans == 0) leap();
+    leaps_ = leaps;
+    return turned || left || right || exchanged || is_scaled;
 }
 
 // Whether a wheel's speed has leapt to a part of itself while the other wheel did as expected, and has since
 // gained the same part of what it should. What truly slows one wheel pulls at the other one too, and lets it
-// gain as before, or less by another part. `expected`, `told`: gains in the last span.
-bool EncoderWatch::scaled(const WheelPair<Real>& expected, const WheelPair<Real>& told) {
+// gain as before, or less by another part. `expected`: gains in the last span.
+bool EncoderWatch::scaled(const WheelPair<Real>& expected) {
     const auto of = [this](const WheelPair<Real>& pair) { return leapt_.right ? pair.right : pair.left; };
     const Real now = of(instants_[newest_].speed_rad_per_s);
-    if (leapt_.spans == 0) {
-        leap(expected, told);
-        return false;
-    }
     leapt_.should_rad_per_s += of(expected);
     if (++leapt_.spans <= kSettled) {
         leapt_.from_rad_per_s = leapt_.should_rad_per_s;
@@ -320,8 +321,8 @@ bool EncoderWatch::scaled(const WheelPair<Real>& expected, const WheelPair<Real>
     return false;
 }
 
-// Whether a leap of one wheel's speed has just ended, which no torque and no brake makes.
-void EncoderWatch::leap(const WheelPair<Real>& expected, const WheelPair<Real>& told) {
+// A leap has ended: whether it was one wheel's speed, by more than any torque or brake makes.
+void EncoderWatch::leap() {
     if (instants_known_ < int(kInstants)) return;
     const Instant& now = instants_[newest_];
     const Instant& from = instants_[(newest_ + 1) % kInstants];
@@ -330,14 +331,10 @@ void EncoderWatch::leap(const WheelPair<Real>& expected, const WheelPair<Real>& 
     };
     const Real left = std::abs(now.speed_rad_per_s.left - should(&WheelPair<Real>::left));
     const Real right = std::abs(now.speed_rad_per_s.right - should(&WheelPair<Real>::right));
-    const auto wheel = right > left ? &WheelPair<Real>::right : &WheelPair<Real>::left;
-    const bool ended = std::abs(told.*wheel - expected.*wheel) < full_rad_per_s_;
-    if (!ended || std::max(left, right) <= Real(kInstants) * full_rad_per_s_ ||
-        std::min(left, right) > kLeaptAlone * std::max(left, right))
-        return;
-    leapt_ = {};
+    const bool by_much = std::max(left, right) > Real(kInstants) * full_rad_per_s_;
+    if (!by_much || std::min(left, right) > kLeaptAlone * std::max(left, right)) return;
     leapt_.right = right > left;
-    leapt_.should_rad_per_s = should(wheel);
+    leapt_.should_rad_per_s = should(leapt_.right ? &WheelPair<Real>::right : &WheelPair<Real>::left);
     leapt_.spans = 1;
 }
 

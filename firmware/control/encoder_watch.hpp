@@ -125,8 +125,8 @@ class EncoderWatch {
     Real by_unknown_body(const WheelPair<Real>& speed_rad_per_s, const model::Geometry<Real>& geometry) const;
     Lie turned_round(const Instant& from, const Instant& to) const;
     bool turns_against(const Instant& from, const Instant& to, Real body_rad_per_s);
-    bool scaled(const WheelPair<Real>& expected, const WheelPair<Real>& told);
-    void leap(const WheelPair<Real>& expected, const WheelPair<Real>& told);
+    bool scaled(const WheelPair<Real>& expected);
+    [[gnu::noinline]] void leap();
     bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
                  Real least_rad_per_s);
     [[gnu::noinline]] void push(Real elapsed_s, const WheelPair<Real>& torque_Nm,
@@ -145,6 +145,7 @@ class EncoderWatch {
     Real unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
     Leapt leapt_;
+    bool leaps_ = false;
     std::array<int, 2> against_cycles_{};
     int turned_spans_ = 0;
     // What the torques alone would have made of the speeds in the span, and its length.

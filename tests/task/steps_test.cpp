@@ -392,6 +392,35 @@ TEST(CycleSteps, observe_tells_what_it_was_told_and_fuses_a_pose_from_outside) {
     CHECK_FALSE(seen.sample.usable);
 }
 
+// With a model that expects 1e5 rad/s^2 of the torque, which does nothing.
+TEST(CycleSteps, observe_tells_each_tenth_cycle_how_fast_the_wheels_turn_by_the_encoders_alone) {
+    const model::RobotParameters parameters = model::default_parameters();
+    auto plant = control::plant_model<double>(parameters);
+    plant.dynamics.k7_per_kg_m = 1e4;
+    Senses senses;
+    senses.configure(parameters, 0);
+    drivers::DriveFeedback left, right;
+    double most_off_rad_per_s = 0;
+    for (int i = 1; i <= 200; ++i) {
+        left.encoder_time_ns = right.encoder_time_ns = kCycle_ns * i;
+        left.position_rad = 2e-3 * i;
+        right.position_rad = -3e-3 * i;
+        senses.torque_sent({0.5 * (i % 7), 0.5 * (i % 7)});
+        const Observed seen =
+            senses.observe({kCycle_ns * i, kCyclePeriod_s, true, left, right, nullptr, {}}, plant);
+        LONGS_EQUAL(i % 10 == 0, seen.encoder_speed != nullptr);
+        if (i > 100)
+            most_off_rad_per_s =
+                std::max(most_off_rad_per_s, std::abs(seen.motion.wheel_speed_rad_per_s.left - 2));
+        if (seen.encoder_speed == nullptr) continue;
+        LONGS_EQUAL(i > 40, seen.encoder_speed->known());
+        if (i <= 40) continue;
+        DOUBLES_EQUAL(2, seen.encoder_speed->rad_per_s().left, 1e-9);
+        DOUBLES_EQUAL(-3, seen.encoder_speed->rad_per_s().right, 1e-9);
+    }
+    CHECK(most_off_rad_per_s > 20);
+}
+
 TEST(CycleSteps, observe_tells_of_positions_and_speeds_that_are_of_two_scales) {
     model::RobotParameters parameters = model::default_parameters();
     const auto plant = control::plant_model<double>(parameters);

@@ -38,7 +38,6 @@ constexpr Known kKnown[] = {
     {"lie_sign", 481005, "late"},
     {"lie_frozen", 321064, "late"},
     {"lie_frame_repeated", 151177, "late"},
-    {"lie_half_counts", 29, "quicker"},
     {"swapped_nodes", 141062, "quicker"},
     // clang-format on
 };
