@@ -162,7 +162,9 @@ class EncoderScale {
 class EncoderBehindLoop {
   public:
     // `lag_s`: 1 / b. A loop that follows within four of its own periods is left as it is.
-    void configure(double lag_s, double loop_period_s, double report_period_s) {
+    // `count_rad`: of the encoder; 0: not known.
+    void configure(double lag_s, double loop_period_s, double report_period_s, double count_rad = 0) {
+        count_rad_ = count_rad;
         report_period_s_ = report_period_s;
         loop_period_s_ = loop_period_s;
         half_period_ns_ = std::llround(1e9 * report_period_s / 2);
@@ -176,7 +178,11 @@ class EncoderBehindLoop {
     // one loop, the mean of the positions.
     EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
     // Of that angle, where the lag is known to a hundredth: two hundredths by its square, one by the time.
-    double unsure_rad() const { return undone() ? std::abs(off_rad_) / 30 : 0; }
+    // And a count while the loop has more than one to go: it knows its own position to whole counts only.
+    double unsure_rad() const {
+        const double off_rad = undone() ? std::abs(off_rad_) : 0;
+        return off_rad / 30 + (off_rad > count_rad_ ? count_rad_ : 0);
+    }
 
   private:
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
@@ -230,7 +236,7 @@ class EncoderBehindLoop {
     static constexpr int kNewBeat = 5;        // half periods
     static constexpr double kMostReports = 4;
     static constexpr int kNotByChance = 3;  // reports in a row
-    double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;
+    double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0, count_rad_ = 0;
     std::int64_t half_period_ns_ = 0, most_off_beat_ns_ = 0;
     EncoderSample last_, angle_;
     double off_rad_ = 0;
