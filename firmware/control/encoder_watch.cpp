@@ -14,7 +14,6 @@ constexpr int kFrames = 4;
 
 constexpr int kSpans = 4;              // over which a speed is looked at
 constexpr Real kLikeness = Real(0.5);  // so far from what it should be, or from its mirror image, as a share
-constexpr Real kBeyondCreeping = Real(1.5);
 constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more than noise
 constexpr Real kGainBeyondNoise = Real(2);
 constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
@@ -353,8 +352,7 @@ Real EncoderWatch::by_unknown_body(const WheelPair<Real>& speed_rad_per_s,
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const Real least = std::max({kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_,
-                                 kBeyondCreeping * settings_.creeping_rad_per_s});
+    const Real least = std::max(kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_);
     const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
