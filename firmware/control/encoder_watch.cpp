@@ -352,7 +352,8 @@ Real EncoderWatch::by_unknown_body(const WheelPair<Real>& speed_rad_per_s,
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const Real least = std::max(kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_);
+    const Real least = std::max({kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_,
+                                 settings_.creeping_rad_per_s});
     const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
