@@ -383,11 +383,10 @@ void OdriveDrive::take_return(bool anew) {
 }
 
 void OdriveDrive::was_sent(const hal::CanFrame& frame) {
-    const std::uint32_t order = config_.generation == OdriveGeneration::v0_5
-                                    ? gen5::SetLinearCount::command
-                                    : gen6::SetAbsolutePosition::command;
+    static_assert(gen5::SetLinearCount::command == gen6::SetAbsolutePosition::command);
     // near its origin an order to count anew is somebody else's, and no matter of the count
-    if (far_frames_ > 0 && frame.id == (config_.node << 5U | order)) ++told_to_count_anew_;
+    if (far_frames_ > 0 && frame.id == (config_.node << 5U | gen6::SetAbsolutePosition::command))
+        ++told_to_count_anew_;
 }
 
 void OdriveDrive::count_anew(FrameSink& out) {
