@@ -341,11 +341,13 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
         last_far_rev_ = position_rev;
         last_far_ns_ = time_ns;
     } else if (std::abs(position_rev) < kLargestPosition_rev / 2) {
-        if (told_to_count_anew_ > 0) {
+        // From far away at once: one that comes back by itself has not followed.
+        const bool leapt = std::abs(position_rev - before) > kLargestPosition_rev / 4;
+        if (told_to_count_anew_ > 0 && leapt) {
             const double since_s = 1e-9 * static_cast<double>(time_ns - last_far_ns_);
             origin_rev_ += last_far_rev_ + speed_rev_per_s * since_s - position_rev;
-            told_to_count_anew_ = 0;
         }
+        told_to_count_anew_ = 0;
         far_frames_ = 0;
     }
     feedback_.position_rad = (origin_rev_ + position_rev) * wheel_rad_per_rev_;

@@ -1686,6 +1686,31 @@ TEST(OdriveFeedback, a_drive_that_was_told_to_count_anew_and_does_after_a_gap_wa
     b.check_sent({});
 }
 
+// The story: an old drive that ignored the order went far and came back. Its way back was taken for the new
+// count, and the angle leapt by hundreds of turns.
+TEST(OdriveFeedback, a_drive_that_does_not_count_anew_and_comes_back_by_itself_is_where_it_says) {
+    for (const float way : {1.F, -1.F}) {
+        Bench b(config(OdriveGeneration::v0_6));
+        const auto told_at = [&](float rev, float speed_rev_per_s = 0) {
+            b.drive.accept({with_floats(0x069, way * rev, way * speed_rev_per_s), b.now});
+            b.cycle();
+            return -way * b.drive.feedback().position_rad * 6.25 / (2 * kPi);
+        };
+        const auto goes_far = [&] {
+            b.heartbeat(1);
+            told_at(1000);
+            b.sent.count = 0;
+            for (int i = 0; i < 8; ++i) told_at(1100);
+            b.check_sent({frame(0x079, kZero8)});
+        };
+        goes_far();
+        for (const float rev : {1000.F, 760.F, 510.F}) DOUBLES_EQUAL(rev, told_at(rev), 1e-9);
+        goes_far();  // it is told again
+        told_at(760);
+        DOUBLES_EQUAL(1100 + 0.002 * 100, told_at(500, 100), 1e-9);  // 2 ms after it was far
+    }
+}
+
 // Who reads a log tells the driver what was sent.
 TEST(OdriveFeedback, an_order_to_count_anew_that_was_sent_counts_for_this_drive_and_far_from_its_origin) {
     struct Case {
