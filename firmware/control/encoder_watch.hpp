@@ -124,7 +124,7 @@ class EncoderWatch {
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
     Real by_unknown_body(const WheelPair<Real>& speed_rad_per_s, const model::Geometry<Real>& geometry) const;
     Lie turned_round(const Instant& from, const Instant& to) const;
-    bool gains_against(const Instant& from, const Instant& to, Real body_rad_per_s);
+    bool gains_against(const Instant& from, const Instant& to, Real off_rad_per_s, Real body_rad_per_s);
     bool scaled(const WheelPair<Real>& expected);
     [[gnu::noinline]] void leap();
     bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
