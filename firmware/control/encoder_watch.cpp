@@ -12,14 +12,13 @@ constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
-constexpr int kSpans = 4;              // over which a speed is looked at
-constexpr Real kLikeness = Real(0.5);  // so far from what it should be, or from its mirror image, as a share
-constexpr Real kBeyondCreeping = Real(3);
+constexpr int kSpans = 4;               // over which a speed is looked at
+constexpr Real kLikeness = Real(0.5);   // so far from what it should be, or from its mirror image, as a share
 constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more than noise
 constexpr Real kGainBeyondNoise = Real(2);
 constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kTurnedSpans = 16;          // in a row: some settling times of the loops
+constexpr int kAgainstSpans = 16;         // in a row: some settling times of the loops
 constexpr Real kTurnShare = Real(0.25);   // of what full torque makes of a turn: no scrub does
 constexpr int kAveraged = 64;             // spans
 constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
@@ -27,7 +26,7 @@ constexpr int kAgainstPushCycles = 40;
 constexpr Real kLeaptAlone = Real(0.05);  // of a leap, is the other wheel's
 constexpr int kSettled = 4;               // spans: the observer has followed the leap
 constexpr Real kLeastShare = Real(0.2);   // encoders lose each other count, or three of four
-constexpr Real kScaleDoubt = Real(1) / 3;
+constexpr Real kScaleDoubt = Real(0.5);
 constexpr int kMostSpansAfterLeap = 64;
 
 // Where K5 and K6 are zeros nobody has found them yet.
@@ -82,7 +81,7 @@ void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     wheels_[1].told = told[1];
     instants_known_ = cycles_ = 0;
     against_cycles_ = against_push_cycles_ = {};
-    turned_spans_ = 0;
+    turns_against_spans_ = goes_against_spans_ = 0;
     leapt_ = {};
     leaps_ = mirrored_ = false;
 }
@@ -271,6 +270,7 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
     const Real left_off = std::abs(told.left - expected.left);
     const Real right_off = std::abs(told.right - expected.right);
     const Real unexpected = std::min(left_off, right_off);
+    const Real most_off = std::max(left_off, right_off);
     spans_averaged_ = std::min(spans_averaged_ + 1, kAveraged);
     unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / Real(spans_averaged_);
 
@@ -282,10 +282,11 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
         std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s));
     const bool left = against(0, expected, told, least);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
-    const bool exchanged = settings_.known_friction_Nm > 0 ? against_push(speed_rad_per_s, told, plant)
-                                                           : turns_against(from, now, body_rad_per_s);
+    const bool exchanged = settings_.known_friction_Nm > 0
+                               ? against_push(speed_rad_per_s, told, plant)
+                               : gains_against(from, now, most_off, body_rad_per_s);
     const bool is_scaled = leapt_.spans != 0 && scaled(expected);
-    const bool leaps = std::max(left_off, right_off) >= full_rad_per_s_;
+    const bool leaps = most_off >= full_rad_per_s_;
     if (leaps_ && !leaps && leapt_.spans == 0) leap();
     leaps_ = leaps;
     return turned || left || right || exchanged || is_scaled;
@@ -353,8 +354,8 @@ Real EncoderWatch::by_unknown_body(const WheelPair<Real>& speed_rad_per_s,
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const Real least = std::max({kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_,
-                                 kBeyondCreeping * settings_.creeping_rad_per_s});
+    const Real least = std::max(
+        {kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_, settings_.creeping_rad_per_s});
     const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
@@ -372,20 +373,33 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
     return Lie::none;
 }
 
-// Whether the robot has long gained yaw rate against what is expected, by the same amount, as it does where
-// the encoders are exchanged. What turns it against its torques does so until the loop has met it.
-bool EncoderWatch::turns_against(const Instant& from, const Instant& to, Real body_rad_per_s) {
-    const auto turn = [](const WheelPair<Real>& a, const WheelPair<Real>& b) {
-        return (b.right - b.left) - (a.right - a.left);
+// Whether the robot has long gained yaw rate against what is expected, by the same amount, or speed, as it
+// does where the encoders are exchanged: their signs may be as well, where the drives are mounted as mirror
+// images. What turns or pulls it against its torques does so until the loop has met it. `off`: of what is
+// expected in the last span, the wheel that is more so.
+bool EncoderWatch::gains_against(const Instant& from, const Instant& to, Real off_rad_per_s,
+                                 Real body_rad_per_s) {
+    if (off_rad_per_s < kTurnShare * full_rad_per_s_) {
+        turns_against_spans_ = goes_against_spans_ = 0;
+        return false;
+    }
+    const auto gained = [](const WheelPair<Real>& a, const WheelPair<Real>& b) {
+        return WheelPair<Real>{b.left - a.left, b.right - a.right};
     };
-    const Real expected = turn(from.expected_rad_per_s, to.expected_rad_per_s);
-    const Real told = turn(from.speed_rad_per_s, to.speed_rad_per_s);
-    const Real size = std::abs(expected);
-    const Real least = std::max(kTurnShare * 2 * kSpans * full_rad_per_s_,
-                                kGainBeyondNoise * (unexpected_rad_per_s_ + kSpans * body_rad_per_s));
-    const bool against = size >= least && std::abs(told + expected) <= kLikeness * size;
-    turned_spans_ = against ? turned_spans_ + 1 : 0;
-    return turned_spans_ >= kTurnedSpans;
+    const WheelPair<Real> expected = gained(from.expected_rad_per_s, to.expected_rad_per_s);
+    const WheelPair<Real> told = gained(from.speed_rad_per_s, to.speed_rad_per_s);
+    const auto against = [](int& spans, Real should, Real is, Real at_least) {
+        const Real size = std::abs(should);
+        spans = size >= at_least && std::abs(is + should) <= kLikeness * size ? spans + 1 : 0;
+        return spans >= kAgainstSpans;
+    };
+    const bool turns =
+        against(turns_against_spans_, expected.difference(), told.difference(),
+                std::max(kTurnShare * 2 * kSpans * full_rad_per_s_,
+                         kGainBeyondNoise * (unexpected_rad_per_s_ + kSpans * body_rad_per_s)));
+    const bool goes =
+        against(goes_against_spans_, expected.sum(), told.sum(), kGainShare * 2 * kSpans * full_rad_per_s_);
+    return turns || goes;
 }
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other

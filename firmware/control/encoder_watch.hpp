@@ -124,7 +124,7 @@ class EncoderWatch {
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
     Real by_unknown_body(const WheelPair<Real>& speed_rad_per_s, const model::Geometry<Real>& geometry) const;
     Lie turned_round(const Instant& from, const Instant& to) const;
-    bool turns_against(const Instant& from, const Instant& to, Real body_rad_per_s);
+    bool gains_against(const Instant& from, const Instant& to, Real off_rad_per_s, Real body_rad_per_s);
     bool scaled(const WheelPair<Real>& expected);
     [[gnu::noinline]] void leap();
     bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
@@ -147,7 +147,7 @@ class EncoderWatch {
     Leapt leapt_;
     bool leaps_ = false;
     std::array<int, 2> against_cycles_{};
-    int turned_spans_ = 0;
+    int turns_against_spans_ = 0, goes_against_spans_ = 0;
     // What the torques alone would have made of the speeds in the span, and its length.
     WheelPair<Real> push_rad_per_s_;
     Real push_s_ = 0;

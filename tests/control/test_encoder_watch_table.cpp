@@ -745,10 +745,10 @@ TEST(EncoderWatchTable, a_speed_that_leaps_to_a_share_and_gains_that_share_is_no
         {.what = "no gain is expected", .expected = 0, .seen = 0},
         {.what = "slows down", .expected = -0.63},
         // by then the share is 0.52 or 0.47
-        {.what = "a third more", .gains_share = 0.68, .seen = 14},
-        {.what = "more than that", .gains_share = 0.69, .seen = 0},
-        {.what = "a third less", .gains_share = 0.3},
-        {.what = "less than that", .gains_share = 0.29, .seen = 0},
+        {.what = "half more", .gains_share = 0.765, .seen = 14},
+        {.what = "more than that", .gains_share = 0.775, .seen = 0},
+        {.what = "half less", .gains_share = 0.2},
+        {.what = "less than that", .gains_share = 0.18, .seen = 0},
         {.what = "a quarter of the counts", .share = 0.25, .gains_share = 0.25},  // 0.47 a span
         {.what = "a fifth", .was = 32, .share = 0.201, .gains_share = 0.2},
         {.what = "less than a fifth", .was = 32, .share = 0.199, .gains_share = 0.2, .seen = 0},
@@ -935,11 +935,50 @@ TEST(EncoderWatchTable, a_yaw_rate_that_long_gains_against_its_torques_is_of_exc
     for (int n = 1; n <= 20; ++n) LONGS_EQUAL(n == 20, forgets.gains({0.2, -0.2}, {-0.2, 0.2}));
 }
 
+// Both wheels', where the drives are mirror images too: against 0.6 of what full torque makes of them. In an
+// identification it says nothing.
+TEST(EncoderWatchTable, a_speed_that_long_gains_against_its_torques_is_of_exchanged_encoders) {
+    struct Row {
+        double gain, share;
+        bool lies;
+    };
+    const Row rows[] = {{0.4, 1, true},     {0.4, 0.51, true}, {0.4, 0.49, false}, {0.4, 1.49, true},
+                        {0.4, 1.51, false}, {0.3751, 1, true}, {0.3749, 1, false}, {0.4, -1, false}};
+    for (const Row& row : rows) {
+        for (const int sign : {1, -1}) {
+            const double told = -sign * row.share * row.gain, expected = sign * row.gain;
+            const auto after = [&](Told& t) {
+                for (int n = 1; n <= 30; ++n)
+                    if (t.gains({told, told}, {expected, expected})) return n;
+                return 0;
+            };
+            Told t;
+            t.spans(70, {});
+            LONGS_EQUAL_TEXT(row.lies ? 19 : 0, after(t), std::to_string(sign * row.gain).c_str());
+            Told again;
+            again.spans(70, {});
+            for (int n = 1; n <= 18; ++n) CHECK_FALSE(again.gains({told, told}, {expected, expected}));
+            again.spans(5, again.speed_rad_per_s);
+            LONGS_EQUAL(row.lies ? 19 : 0, after(again));
+            EncoderWatchSettings identifying = kSettings;
+            identifying.known_friction_Nm = 1e3;
+            Told gentle(identifying);
+            gentle.spans(70, {});
+            LONGS_EQUAL(0, after(gentle));
+        }
+    }
+    Told forgets;
+    forgets.spans(70, {});
+    for (int n = 1; n <= 18; ++n) CHECK_FALSE(forgets.gains({-0.4, -0.4}, {0.4, 0.4}));
+    forgets.watch.rest(forgets.told());
+    for (int n = 1; n <= 20; ++n) LONGS_EQUAL(n == 20, forgets.gains({-0.4, -0.4}, {0.4, 0.4}));
+}
+
 // Where it creeps or is noise, a speed says nothing. Noise is what the better of two wheels gains otherwise
 // than expected in a span, averaged: over all that were, then with the weight of 64.
 TEST(EncoderWatchTable, a_mirror_image_must_be_more_than_creeping_and_noise) {
     EncoderWatchSettings creeps = kSettings;
-    creeps.creeping_rad_per_s = 1.5;
+    creeps.creeping_rad_per_s = 4.5;
     for (const double speed : {4.5, 4.49}) {
         Told t(creeps);
         t.spans(6, {speed, speed});

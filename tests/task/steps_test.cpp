@@ -421,6 +421,32 @@ TEST(CycleSteps, observe_tells_each_tenth_cycle_how_fast_the_wheels_turn_by_the_
     CHECK(most_off_rad_per_s > 20);
 }
 
+// A loop of 100 rad/s is off by a ten thousandth of what accelerates the wheel; a count is root 12 of its
+// noise.
+TEST(CycleSteps, an_angle_behind_a_loop_that_has_more_than_a_count_to_go_is_unsure_by_one) {
+    model::RobotParameters parameters = model::default_parameters();
+    parameters.drive.left.encoder_lag_s = parameters.drive.right.encoder_lag_s = 0.01;
+    parameters.velocity_loop.angle_noise_rad = 1e-3;
+    const auto plant = control::plant_model<double>(parameters);
+    Senses senses;
+    senses.configure(parameters, 0);
+    std::array<drivers::DriveFeedback, 2> drives;
+    Observed seen;
+    for (int i = 1; i <= 20; ++i) {
+        for (const std::size_t each : {0, 1}) {
+            drivers::DriveFeedback& drive = drives[each];
+            const double gained = each == 0 ? 0.1 : 0.03;  // in a cycle
+            drive.encoder_time_ns = kCycle_ns * i;
+            drive.position_rad += 0.02 * gained + kCyclePeriod_s * (drive.speed_rad_per_s + gained / 2);
+            drive.speed_rad_per_s += gained;
+        }
+        seen =
+            senses.observe({kCycle_ns * i, kCyclePeriod_s, true, drives[0], drives[1], nullptr, {}}, plant);
+    }
+    DOUBLES_EQUAL(0.01 / 30 + std::sqrt(12.0) * 1e-3, (*seen.encoder)[0].unsure_rad, 1e-9);
+    DOUBLES_EQUAL(0.003 / 30, (*seen.encoder)[1].unsure_rad, 1e-9);
+}
+
 TEST(CycleSteps, observe_tells_of_positions_and_speeds_that_are_of_two_scales) {
     model::RobotParameters parameters = model::default_parameters();
     const auto plant = control::plant_model<double>(parameters);

@@ -35,10 +35,12 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"lie_sign", 481005, "late"},
-    {"lie_frozen", 321064, "late"},
+    {"lie_sign", 481005, "goes on"},
+    {"lie_both_frozen", 601181, "late"},
     {"lie_frame_repeated", 151177, "late"},
-    {"swapped_nodes", 141062, "quicker"},
+    {"lie_half_counts", 611238, "quicker"},
+    {"origin_jump", 561136, "false trip"},
+    {"swapped_nodes", 601105, "quicker"},
     // clang-format on
 };
 
