@@ -974,6 +974,21 @@ TEST(EncoderWatchTable, a_speed_that_long_gains_against_its_torques_is_of_exchan
     for (int n = 1; n <= 20; ++n) LONGS_EQUAL(n == 20, forgets.gains({-0.4, -0.4}, {0.4, 0.4}));
 }
 
+// One span that is as expected begins it anew, though of four the others are enough.
+TEST(EncoderWatchTable, gains_against_the_torques_are_in_a_row) {
+    for (const bool turns : {false, true}) {
+        const auto gains = [turns](Told& t, double told, double expected) {
+            return t.gains({turns ? -told : told, told}, {turns ? -expected : expected, expected});
+        };
+        Told t;
+        t.spans(70, {});
+        const double gain = turns ? 0.25 : 0.55;
+        for (int n = 1; n <= 17; ++n) CHECK_FALSE(gains(t, -gain, gain));
+        CHECK_FALSE(gains(t, 0, 0));
+        for (int n = 1; n <= 16; ++n) LONGS_EQUAL(n == 16, gains(t, -gain, gain));
+    }
+}
+
 // Where it creeps or is noise, a speed says nothing. Noise is what the better of two wheels gains otherwise
 // than expected in a span, averaged: over all that were, then with the weight of 64.
 TEST(EncoderWatchTable, a_mirror_image_must_be_more_than_creeping_and_noise) {
