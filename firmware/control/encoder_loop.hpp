@@ -162,7 +162,7 @@ class EncoderScale {
 class EncoderBehindLoop {
   public:
     // `lag_s`: 1 / b. A loop that follows within four of its own periods is left as it is.
-    // `count_rad`: of the encoder; 0: not known.
+    // `count_rad`: of the encoder, as an angle of the wheel; 0: not known.
     void configure(double lag_s, double loop_period_s, double report_period_s, double count_rad = 0) {
         count_rad_ = count_rad;
         report_period_s_ = report_period_s;

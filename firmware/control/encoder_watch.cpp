@@ -375,8 +375,8 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
 
 // Whether the robot has long gained yaw rate against what is expected, by the same amount, or speed, as it
 // does where the encoders are exchanged: their signs may be as well, where the drives are mounted as mirror
-// images. What turns or pulls it against its torques does so until the loop has met it. `off`: of what is
-// expected in the last span, the wheel that is more so.
+// images. What turns or pulls it against its torques does so until the loop has met it. `off_rad_per_s`: by
+// how much a wheel has gained otherwise than expected in the last span, the larger of the two.
 bool EncoderWatch::gains_against(const Instant& from, const Instant& to, Real off_rad_per_s,
                                  Real body_rad_per_s) {
     if (off_rad_per_s < kTurnShare * full_rad_per_s_) {

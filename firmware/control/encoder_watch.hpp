@@ -17,8 +17,8 @@
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
-// wheel's, is a lie; so is a yaw rate that long gains against its torques, and a speed that leaps to a part
-// of itself and from then on gains that part of what it should. See mirrored(). An identification pushes
+// wheel's, is a lie; so is a yaw rate or a speed that long gains against its torques, and one that leaps to a
+// part of itself and from then on gains that part of what it should. See mirrored(). An identification pushes
 // beyond friction on purpose, and gently: there, where friction is known, a wheel that goes against the push
 // while the other one goes with it is enough.
 //

@@ -1,7 +1,5 @@
 #include "firmware/task/senses.hpp"
 
-#include <cmath>
-
 #include "firmware/task/cycle_schedule.hpp"
 
 namespace wheelwright::task {
@@ -13,8 +11,7 @@ void Senses::configure(const model::RobotParameters& parameters, double encoder_
     sample_age_ns_ = static_cast<std::int64_t>(sample_age_s(parameters) * 1e9);
     encoder_loop_period_s_ = encoder_loop_period_s;
     encoder_period_s_ = 1e-3 * parameters.drive.encoder_period_ms;
-    // A count leaves a twelfth root of it as noise.
-    encoder_count_rad_ = std::sqrt(12.0) * parameters.velocity_loop.angle_noise_rad;
+    encoder_count_rad_ = kStepPerNoise * parameters.velocity_loop.angle_noise_rad;
     set_encoder_lag({parameters.drive.left.encoder_lag_s, parameters.drive.right.encoder_lag_s});
 }
 

@@ -44,11 +44,6 @@ constexpr Known kKnown[] = {
     // clang-format on
 };
 
-bool is_known(std::string_view kind) {
-    return std::any_of(std::begin(kKnown), std::end(kKnown),
-                       [kind](const Known& known) { return kind == known.kind; });
-}
-
 std::string all_of(const std::vector<std::string>& lines) {
     std::string text;
     for (const std::string& line : lines) text += line + "\n";
@@ -73,7 +68,7 @@ TEST(Torture, every_fault_is_survived_or_ends_in_time_and_under_its_name) {
         CHECK_EQUAL_TEXT(std::string(), untouched.problem, untouched.setup.text().c_str());
         std::size_t number = seed;
         for (const TortureKind& kind : torture_kinds()) {
-            if (is_known(kind.name) || ++number % 3 != 0) continue;
+            if (++number % 3 != 0) continue;
             ++runs;
             const TortureResult result = torture(kind, untouched);
             for (const std::string& violation : result.violations)
