@@ -467,9 +467,9 @@ inline double fastest_wheel_rad_per_s(const model::RobotParameters& from) {
 // measured: a step leaves a twelfth root of it as noise, half of which a drive's own estimator takes away
 // where it is not undone; and three times as much, as the noise is the mean of two.
 inline double encoder_step_rad(const model::RobotParameters& from) {
-    constexpr double kStepPerNoise = 20;
+    constexpr double kMostLeapPerNoise = 20;
     const double noise_rad = from.velocity_loop.angle_noise_rad;
-    return noise_rad > 0 ? std::min(kStepPerNoise * noise_rad, kCoarsestStep_rad) : kCoarsestStep_rad;
+    return noise_rad > 0 ? std::min(kMostLeapPerNoise * noise_rad, kCoarsestStep_rad) : kCoarsestStep_rad;
 }
 
 template <typename Real>
