@@ -341,11 +341,13 @@ void OdriveDrive::take_position(double position_rev, double speed_rev_per_s, std
         last_far_rev_ = position_rev;
         last_far_ns_ = time_ns;
     } else if (std::abs(position_rev) < kLargestPosition_rev / 2) {
-        if (told_to_count_anew_ > 0) {
+        // From far away at once: one that comes back by itself has not followed.
+        const bool leapt = std::abs(position_rev - before) > kLargestPosition_rev / 4;
+        if (told_to_count_anew_ > 0 && leapt) {
             const double since_s = 1e-9 * static_cast<double>(time_ns - last_far_ns_);
             origin_rev_ += last_far_rev_ + speed_rev_per_s * since_s - position_rev;
-            told_to_count_anew_ = 0;
         }
+        told_to_count_anew_ = 0;
         far_frames_ = 0;
     }
     feedback_.position_rad = (origin_rev_ + position_rev) * wheel_rad_per_rev_;
@@ -383,11 +385,10 @@ void OdriveDrive::take_return(bool anew) {
 }
 
 void OdriveDrive::was_sent(const hal::CanFrame& frame) {
-    const std::uint32_t order = config_.generation == OdriveGeneration::v0_5
-                                    ? gen5::SetLinearCount::command
-                                    : gen6::SetAbsolutePosition::command;
+    static_assert(gen5::SetLinearCount::command == gen6::SetAbsolutePosition::command);
     // near its origin an order to count anew is somebody else's, and no matter of the count
-    if (far_frames_ > 0 && frame.id == (config_.node << 5U | order)) ++told_to_count_anew_;
+    if (far_frames_ > 0 && frame.id == (config_.node << 5U | gen6::SetAbsolutePosition::command))
+        ++told_to_count_anew_;
 }
 
 void OdriveDrive::count_anew(FrameSink& out) {

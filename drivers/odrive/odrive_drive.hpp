@@ -46,7 +46,7 @@
 // count anew from 0 (0.5: Set_Linear_Count, 0.6: Set_Absolute_Position), also while it is armed: in torque
 // control nothing but the estimate depends on it. feedback() goes on from where it was: between the last
 // position in the old count and the first in the new one the axis went on with its speed. A drive that does
-// not follow is told three times.
+// not follow is told three times; where it comes back by itself it is where it says.
 #pragma once
 
 #include <array>

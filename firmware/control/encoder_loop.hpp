@@ -162,13 +162,16 @@ class EncoderScale {
 class EncoderBehindLoop {
   public:
     // `lag_s`: 1 / b. A loop that follows within four of its own periods is left as it is.
-    void configure(double lag_s, double loop_period_s, double report_period_s) {
+    // `count_rad`: of the encoder, as an angle of the wheel; 0: not known.
+    void configure(double lag_s, double loop_period_s, double report_period_s, double count_rad = 0) {
+        count_rad_ = count_rad;
         report_period_s_ = report_period_s;
         loop_period_s_ = loop_period_s;
         half_period_ns_ = std::llround(1e9 * report_period_s / 2);
         most_off_beat_ns_ = std::llround(1e9 * std::max(kWaits_s, kOffBeat * report_period_s));
         off_s2_ = lag_s > kQuickLoop * loop_period_s ? lag_s * (lag_s - 2 * loop_period_s) : 0;
         ahead_s_ = 2 * lag_s - loop_period_s / 2;
+        unsure_rad_ = 0;
     }
     bool undone() const { return off_s2_ != 0; }
 
@@ -176,7 +179,8 @@ class EncoderBehindLoop {
     // one loop, the mean of the positions.
     EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
     // Of that angle, where the lag is known to a hundredth: two hundredths by its square, one by the time.
-    double unsure_rad() const { return undone() ? std::abs(off_rad_) / 30 : 0; }
+    // And a count while the loop has more than one to go: it knows its own position to whole counts only.
+    double unsure_rad() const { return unsure_rad_; }
 
   private:
     [[gnu::noinline]] EncoderSample undo(const EncoderSample& reported) {
@@ -189,8 +193,7 @@ class EncoderBehindLoop {
         if (last_.time_ns > 0 && since_ns > 0 && off_beat && since_ns < kNewBeat * half_period_ns_)
             return angle_;
         const auto reports = static_cast<double>(periods);
-        double half_way_rad = 0;
-        off_rad_ = 0;
+        double half_way_rad = 0, off_rad = 0;
         if (last_.time_ns > 0 && reports >= 1 && reports <= kMostReports) {
             const double way_rad = reported.position_rad - last_.position_rad;
             const double gained = reported.speed_rad_per_s - last_.speed_rad_per_s;
@@ -205,13 +208,15 @@ class EncoderBehindLoop {
                     passed_s = std::clamp(by_speed_rad / speed, passed_s - loop_period_s_,
                                           passed_s + loop_period_s_);
                 const double rate = gained / passed_s;
-                off_rad_ = off_s2_ * rate;
+                off_rad = off_s2_ * rate;
                 if (reports > 1)
                     half_way_rad = report_period_s_ / 2 * (reported.speed_rad_per_s + ahead_s_ * rate);
             }
         }
+        const double size_rad = std::abs(off_rad);
+        unsure_rad_ = size_rad / 30 + (size_rad > count_rad_ ? count_rad_ : 0);
         last_ = reported;
-        angle_ = {reported.position_rad - half_way_rad + off_rad_, reported.speed_rad_per_s,
+        angle_ = {reported.position_rad - half_way_rad + off_rad, reported.speed_rad_per_s,
                   reported.time_ns - half_period_ns_};
         return angle_;
     }
@@ -230,10 +235,10 @@ class EncoderBehindLoop {
     static constexpr int kNewBeat = 5;        // half periods
     static constexpr double kMostReports = 4;
     static constexpr int kNotByChance = 3;  // reports in a row
-    double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0;
+    double report_period_s_ = 0, loop_period_s_ = 0, off_s2_ = 0, ahead_s_ = 0, count_rad_ = 0;
     std::int64_t half_period_ns_ = 0, most_off_beat_ns_ = 0;
     EncoderSample last_, angle_;
-    double off_rad_ = 0;
+    double unsure_rad_ = 0;
     int agreed_ = kNotByChance;
 };
 

@@ -12,18 +12,22 @@ constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
-constexpr int kSpans = 4;              // over which a speed is looked at
-constexpr Real kLikeness = Real(0.5);  // so far from what it should be, or from its mirror image, as a share
-constexpr Real kBeyondCreeping = Real(3);
+constexpr int kSpans = 4;               // over which a speed is looked at
+constexpr Real kLikeness = Real(0.5);   // so far from what it should be, or from its mirror image, as a share
 constexpr Real kBeyondNoise = Real(5);  // mean deviations: a speed that is more than noise
 constexpr Real kGainBeyondNoise = Real(2);
 constexpr Real kGainShare = Real(0.6);  // of what full torque makes of a speed in a span: no slope does
 constexpr int kAgainstCycles = 80;
-constexpr int kTurnedSpans = 16;          // in a row: some settling times of the loops
+constexpr int kAgainstSpans = 16;         // in a row: some settling times of the loops
 constexpr Real kTurnShare = Real(0.25);   // of what full torque makes of a turn: no scrub does
 constexpr int kAveraged = 64;             // spans
 constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
+constexpr Real kLeaptAlone = Real(0.05);  // of a leap, is the other wheel's
+constexpr int kSettled = 4;               // spans: the observer has followed the leap
+constexpr Real kLeastShare = Real(0.2);   // encoders lose each other count, or three of four
+constexpr Real kScaleDoubt = Real(0.5);
+constexpr int kMostSpansAfterLeap = 64;
 
 // Where K5 and K6 are zeros nobody has found them yet.
 bool knows_body(const model::Dynamics<Real>& k) { return k.k5_m != 0 || k.k6_per_m != 0; }
@@ -77,8 +81,9 @@ void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     wheels_[1].told = told[1];
     instants_known_ = cycles_ = 0;
     against_cycles_ = against_push_cycles_ = {};
-    turned_spans_ = 0;
-    mirrored_ = false;
+    turns_against_spans_ = goes_against_spans_ = 0;
+    leapt_ = {};
+    leaps_ = mirrored_ = false;
 }
 
 bool EncoderWatch::update(Real elapsed_s, const std::array<EncoderAngle, 2>& told,
@@ -262,8 +267,10 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
     const WheelPair<Real> told{now.speed_rad_per_s.left - last.speed_rad_per_s.left,
                                now.speed_rad_per_s.right - last.speed_rad_per_s.right};
     // By the wheel that is more as expected, as the other one may lie.
-    const Real unexpected =
-        std::min(std::abs(told.left - expected.left), std::abs(told.right - expected.right));
+    const Real left_off = std::abs(told.left - expected.left);
+    const Real right_off = std::abs(told.right - expected.right);
+    const Real unexpected = std::min(left_off, right_off);
+    const Real most_off = std::max(left_off, right_off);
     spans_averaged_ = std::min(spans_averaged_ + 1, kAveraged);
     unexpected_rad_per_s_ += (unexpected - unexpected_rad_per_s_) / Real(spans_averaged_);
 
@@ -275,9 +282,61 @@ bool EncoderWatch::mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantM
         std::max(kGainShare * full_rad_per_s_, kGainBeyondNoise * (unexpected_rad_per_s_ + body_rad_per_s));
     const bool left = against(0, expected, told, least);
     const bool right = against(1, {expected.right, expected.left}, {told.right, told.left}, least);
-    const bool exchanged = settings_.known_friction_Nm == 0 && turns_against(from, now, body_rad_per_s);
-    const bool against_pushes = settings_.known_friction_Nm > 0 && against_push(speed_rad_per_s, told, plant);
-    return turned || left || right || exchanged || against_pushes;
+    const bool exchanged = settings_.known_friction_Nm > 0
+                               ? against_push(speed_rad_per_s, told, plant)
+                               : gains_against(from, now, most_off, body_rad_per_s);
+    const bool is_scaled = leapt_.spans != 0 && scaled(expected);
+    const bool leaps = most_off >= full_rad_per_s_;
+    if (leaps_ && !leaps && leapt_.spans == 0) leap();
+    leaps_ = leaps;
+    return turned || left || right || exchanged || is_scaled;
+}
+
+// Whether a wheel's speed has leapt to a part of itself while the other wheel did as expected, and has since
+// gained the same part of what it should. What truly slows one wheel pulls at the other one too, and lets it
+// gain as before, or less by another part. `expected`: gains in the last span.
+bool EncoderWatch::scaled(const WheelPair<Real>& expected) {
+    const auto of = [this](const WheelPair<Real>& pair) { return leapt_.right ? pair.right : pair.left; };
+    const Real now = of(instants_[newest_].speed_rad_per_s);
+    leapt_.should_rad_per_s += of(expected);
+    if (++leapt_.spans <= kSettled) {
+        leapt_.from_rad_per_s = leapt_.should_rad_per_s;
+        leapt_.told_rad_per_s = now;
+        return false;
+    }
+    const Real share = leapt_.told_rad_per_s / leapt_.from_rad_per_s;
+    const Real gained = leapt_.should_rad_per_s - leapt_.from_rad_per_s;
+    // So far apart are the speeds that a scale and a push foretell.
+    const Real apart = std::abs((1 - share) * gained);
+    const Real noise = kBeyondNoise * unexpected_rad_per_s_;
+    if (apart >= full_rad_per_s_ && apart * apart >= Real(leapt_.spans) * noise * noise) {
+        const Real off = now - leapt_.told_rad_per_s - share * gained;
+        if (!(std::abs(off) <= kScaleDoubt * apart)) {
+            leapt_ = {};
+            return false;
+        }
+        if (++leapt_.scaled_spans >= int(kInstants)) return true;
+    }
+    const bool a_part = share >= kLeastShare && share <= 1 - kLeastShare;
+    if (!a_part || leapt_.spans >= kMostSpansAfterLeap) leapt_ = {};
+    return false;
+}
+
+// A leap has ended: whether it was one wheel's speed, by more than any torque or brake makes.
+void EncoderWatch::leap() {
+    if (instants_known_ < int(kInstants)) return;
+    const Instant& now = instants_[newest_];
+    const Instant& from = instants_[(newest_ + 1) % kInstants];
+    const auto should = [&](Real WheelPair<Real>::*wheel) {
+        return from.speed_rad_per_s.*wheel + (now.expected_rad_per_s.*wheel - from.expected_rad_per_s.*wheel);
+    };
+    const Real left = std::abs(now.speed_rad_per_s.left - should(&WheelPair<Real>::left));
+    const Real right = std::abs(now.speed_rad_per_s.right - should(&WheelPair<Real>::right));
+    const bool by_much = std::max(left, right) > Real(kInstants) * full_rad_per_s_;
+    if (!by_much || std::min(left, right) > kLeaptAlone * std::max(left, right)) return;
+    leapt_.right = right > left;
+    leapt_.should_rad_per_s = should(leapt_.right ? &WheelPair<Real>::right : &WheelPair<Real>::left);
+    leapt_.spans = 1;
 }
 
 // What a body that turns may make of a wheel's speed in the last span, where nobody knows K5 and K6 yet: it
@@ -295,8 +354,8 @@ Real EncoderWatch::by_unknown_body(const WheelPair<Real>& speed_rad_per_s,
 // wheel's. What truly turns it round in this time is twice as strong as full torque, and pushes the other
 // wheel too; and a wall gives back less than half.
 EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant& to) const {
-    const Real least = std::max({kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_,
-                                 kBeyondCreeping * settings_.creeping_rad_per_s});
+    const Real least = std::max(
+        {kSpans * full_rad_per_s_, kBeyondNoise * unexpected_rad_per_s_, settings_.creeping_rad_per_s});
     const Real left = from.speed_rad_per_s.left + (to.expected_rad_per_s.left - from.expected_rad_per_s.left);
     const Real right =
         from.speed_rad_per_s.right + (to.expected_rad_per_s.right - from.expected_rad_per_s.right);
@@ -314,20 +373,33 @@ EncoderWatch::Lie EncoderWatch::turned_round(const Instant& from, const Instant&
     return Lie::none;
 }
 
-// Whether the robot has long gained yaw rate against what is expected, by the same amount, as it does where
-// the encoders are exchanged. What turns it against its torques does so until the loop has met it.
-bool EncoderWatch::turns_against(const Instant& from, const Instant& to, Real body_rad_per_s) {
-    const auto turn = [](const WheelPair<Real>& a, const WheelPair<Real>& b) {
-        return (b.right - b.left) - (a.right - a.left);
+// Whether the robot has long gained yaw rate against what is expected, by the same amount, or speed, as it
+// does where the encoders are exchanged: their signs may be as well, where the drives are mounted as mirror
+// images. What turns or pulls it against its torques does so until the loop has met it. `off_rad_per_s`: by
+// how much a wheel has gained otherwise than expected in the last span, the larger of the two.
+bool EncoderWatch::gains_against(const Instant& from, const Instant& to, Real off_rad_per_s,
+                                 Real body_rad_per_s) {
+    if (off_rad_per_s < kTurnShare * full_rad_per_s_) {
+        turns_against_spans_ = goes_against_spans_ = 0;
+        return false;
+    }
+    const auto gained = [](const WheelPair<Real>& a, const WheelPair<Real>& b) {
+        return WheelPair<Real>{b.left - a.left, b.right - a.right};
     };
-    const Real expected = turn(from.expected_rad_per_s, to.expected_rad_per_s);
-    const Real told = turn(from.speed_rad_per_s, to.speed_rad_per_s);
-    const Real size = std::abs(expected);
-    const Real least = std::max(kTurnShare * 2 * kSpans * full_rad_per_s_,
-                                kGainBeyondNoise * (unexpected_rad_per_s_ + kSpans * body_rad_per_s));
-    const bool against = size >= least && std::abs(told + expected) <= kLikeness * size;
-    turned_spans_ = against ? turned_spans_ + 1 : 0;
-    return turned_spans_ >= kTurnedSpans;
+    const WheelPair<Real> expected = gained(from.expected_rad_per_s, to.expected_rad_per_s);
+    const WheelPair<Real> told = gained(from.speed_rad_per_s, to.speed_rad_per_s);
+    const auto against = [](int& spans, Real should, Real is, Real at_least) {
+        const Real size = std::abs(should);
+        spans = size >= at_least && std::abs(is + should) <= kLikeness * size ? spans + 1 : 0;
+        return spans >= kAgainstSpans;
+    };
+    const bool turns =
+        against(turns_against_spans_, expected.difference(), told.difference(),
+                std::max(kTurnShare * 2 * kSpans * full_rad_per_s_,
+                         kGainBeyondNoise * (unexpected_rad_per_s_ + kSpans * body_rad_per_s)));
+    const bool goes =
+        against(goes_against_spans_, expected.sum(), told.sum(), kGainShare * 2 * kSpans * full_rad_per_s_);
+    return turns || goes;
 }
 
 // Whether a wheel has long gained speed against what is expected of it, by the same amount, while the other

@@ -17,9 +17,10 @@
 //
 // And whether they tell the way: the speed that torque and inertia make of a wheel's, over some tens of
 // milliseconds, against the one that is measured. A measured one that is the mirror image, or the other
-// wheel's, is a lie; so is a yaw rate that long gains against its torques. See mirrored(). An identification
-// pushes beyond friction on purpose, and gently: there, where friction is known, a wheel that goes against
-// the push while the other one goes with it is enough.
+// wheel's, is a lie; so is a yaw rate or a speed that long gains against its torques, and one that leaps to a
+// part of itself and from then on gains that part of what it should. See mirrored(). An identification pushes
+// beyond friction on purpose, and gently: there, where friction is known, a wheel that goes against the push
+// while the other one goes with it is enough.
 //
 // One thread; no allocation. update(): about 100 instructions while the wheels turn.
 #pragma once
@@ -104,6 +105,13 @@ class EncoderWatch {
         Real holds_Nm = 0;  // a body that turns
         Range other_Nm;     // of the other wheel's torque, what accelerates it
     };
+    struct Leapt {  // a wheel's speed, and the other one's not
+        bool right = false;
+        Real should_rad_per_s = 0;  // what torque and inertia have made of it
+        Real from_rad_per_s = 0;    // the same when the leap had settled,
+        Real told_rad_per_s = 0;    // and what was told then
+        int spans = 0, scaled_spans = 0;
+    };
     enum class Lie : std::uint8_t { none, left, right, swapped };  // whose
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
@@ -116,7 +124,9 @@ class EncoderWatch {
     [[gnu::noinline]] bool mirrored(const WheelPair<Real>& speed_rad_per_s, const PlantModel<Real>& plant);
     Real by_unknown_body(const WheelPair<Real>& speed_rad_per_s, const model::Geometry<Real>& geometry) const;
     Lie turned_round(const Instant& from, const Instant& to) const;
-    bool turns_against(const Instant& from, const Instant& to, Real body_rad_per_s);
+    bool gains_against(const Instant& from, const Instant& to, Real off_rad_per_s, Real body_rad_per_s);
+    bool scaled(const WheelPair<Real>& expected);
+    [[gnu::noinline]] void leap();
     bool against(std::size_t wheel, const WheelPair<Real>& expected, const WheelPair<Real>& told,
                  Real least_rad_per_s);
     [[gnu::noinline]] void push(Real elapsed_s, const WheelPair<Real>& torque_Nm,
@@ -134,8 +144,10 @@ class EncoderWatch {
     Real full_rad_per_s_ = 0;        // what full torque on both wheels makes of a wheel's speed in a span
     Real unexpected_rad_per_s_ = 0;  // in a span, on average: noise, and what the model does not know
     int spans_averaged_ = 0;
+    Leapt leapt_;
+    bool leaps_ = false;
     std::array<int, 2> against_cycles_{};
-    int turned_spans_ = 0;
+    int turns_against_spans_ = 0, goes_against_spans_ = 0;
     // What the torques alone would have made of the speeds in the span, and its length.
     WheelPair<Real> push_rad_per_s_;
     Real push_s_ = 0;

@@ -45,11 +45,12 @@ using protocol::IdentCause;
 // Of the friction: a torque that moves a robot enough to learn from.
 inline constexpr double kMovesEnough = 1.5;
 
-// Ends after which no loop may close over the encoders.
+// Ends after which no loop may close over the encoders. A robot that the probe moves so gently is out of its
+// room by their leap, if not by somebody's hands.
 constexpr bool doubts_encoders(IdentCause cause) {
     using enum protocol::IdentCause;
     return cause == left_wheel_does_not_turn || cause == right_wheel_does_not_turn ||
-           cause == left_wheel_against_torque || cause == right_wheel_against_torque;
+           cause == left_wheel_against_torque || cause == right_wheel_against_torque || cause == no_room;
 }
 
 struct ProbeOptions {

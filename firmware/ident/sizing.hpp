@@ -111,13 +111,12 @@ inline double speed_noise_m_per_s(const SizingRequest& r, const ProbeFindings& f
 // A wheel that turns by no more than `still_rad`, such as the noise, in the time that a speed is taken over,
 // may stand.
 inline constexpr double kStillNoises = 3 * 1.4142135623730951;  // three standard deviations of a difference
-// And a whole step where the encoder is coarse. That is noise while a wheel turns and none while it stands:
-// the root of twelve of it is a step, twice that where a drive's own loop has taken half of it away. Noise
-// at rest counts double, for both are measured in tenths of a second.
+// And a whole step where the encoder is coarse. That is noise while a wheel turns and none while it stands,
+// half of which a drive's own loop may have taken away. Noise at rest counts double, for both are measured in
+// tenths of a second.
 inline double hidden_by_noise_rad(double noise_rad, double rest_noise_rad) {
-    constexpr double kStepPerNoise = 2 * 3.4641016151377544;
     const double of_steps = std::max(noise_rad * noise_rad - 2 * rest_noise_rad * rest_noise_rad, 0.0);
-    return kStillNoises * noise_rad + kStepPerNoise * std::sqrt(of_steps);
+    return kStillNoises * noise_rad + 2 * kStepPerNoise * std::sqrt(of_steps);
 }
 inline double standing_speed_rad_per_s(double still_rad, int speed_span, double sample_time_s) {
     return still_rad / ((speed_span + 2) * sample_time_s);

@@ -28,6 +28,9 @@ inline constexpr double kCoarsestStep_rad = 6.283185307179586 / 64;
 // digit: a step, and where in a step it began.
 inline constexpr double kMostUnseenSteps = 1.5;
 inline constexpr double kMostUnseen_rad = kMostUnseenSteps * kCoarsestStep_rad;
+// An encoder's step over the standard deviation of an angle that may be anywhere within it: the root of
+// twelve.
+inline constexpr double kStepPerNoise = 3.4641016151377544;
 
 // One value per wheel.
 template <typename Real>

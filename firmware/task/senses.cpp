@@ -11,6 +11,7 @@ void Senses::configure(const model::RobotParameters& parameters, double encoder_
     sample_age_ns_ = static_cast<std::int64_t>(sample_age_s(parameters) * 1e9);
     encoder_loop_period_s_ = encoder_loop_period_s;
     encoder_period_s_ = 1e-3 * parameters.drive.encoder_period_ms;
+    encoder_count_rad_ = kStepPerNoise * parameters.velocity_loop.angle_noise_rad;
     set_encoder_lag({parameters.drive.left.encoder_lag_s, parameters.drive.right.encoder_lag_s});
 }
 
@@ -18,7 +19,7 @@ void Senses::set_encoder_lag(const WheelPair<double>& lag_s) {
     const std::array<double, 2> lags_s{lag_s.left, lag_s.right};
     for (std::size_t i = 0; i < loop_.size(); ++i) {
         const bool before = loop_[i].undone();
-        loop_[i].configure(lags_s[i], encoder_loop_period_s_, encoder_period_s_);
+        loop_[i].configure(lags_s[i], encoder_loop_period_s_, encoder_period_s_, encoder_count_rad_);
         scale_[i].configure(lags_s[i], encoder_period_s_);
         if (loop_[i].undone() != before) observer_.begin_new_clock();
     }

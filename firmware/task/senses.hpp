@@ -78,7 +78,7 @@ class Senses {
     std::array<control::EncoderBehindLoop, 2> loop_;
     std::array<control::EncoderScale, 2> scale_;
     std::array<control::EncoderAngle, 2> encoder_;
-    double encoder_loop_period_s_ = 0, encoder_period_s_ = 0;
+    double encoder_loop_period_s_ = 0, encoder_period_s_ = 0, encoder_count_rad_ = 0;
     control::WheelObserver<Real> observer_;
     control::EncoderSpeed encoder_speed_;
     control::Odometry<Real> odometry_;

@@ -161,8 +161,9 @@ TEST(EncoderLoop, of_two_reports_in_a_cycle_one_may_be_missed_but_not_three_in_a
 }
 
 TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
+    constexpr double kCount_rad = 0.15;
     EncoderBehindLoop behind;
-    behind.configure(0.01, 1e-4, kCycle_s);
+    behind.configure(0.01, 1e-4, kCycle_s, kCount_rad);
     constexpr double kOff_s2 = 0.01 * (0.01 - 2e-4), kAhead_s = 0.02 - 0.5e-4;
     EncoderBehindLoop later = behind;
     DOUBLES_EQUAL(2, later.sample({2, 6, 700'000'000}).position_rad, 1e-12);  // nothing came before
@@ -170,7 +171,8 @@ TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
                            double off_rad) {
         const EncoderSample angle = behind.sample({position_rad, speed, time_ns});
         DOUBLES_EQUAL(mean_rad + off_rad, angle.position_rad, 1e-12);
-        DOUBLES_EQUAL(std::abs(off_rad) / 30, behind.unsure_rad(), 1e-12);
+        const double off = std::abs(off_rad);
+        DOUBLES_EQUAL(off / 30 + (off > kCount_rad ? kCount_rad : 0), behind.unsure_rad(), 1e-12);
     };
     double at_rad = 2, speed = 0;
     std::int64_t at_ns = 1;
@@ -191,6 +193,10 @@ TEST(EncoderLoop, an_angle_is_what_its_formula_says) {
     next(7, 1, 1.15e-3, 1.1e-3);   // not more than a period of the loop longer,
     next(7, 1, 0.85e-3, 0.9e-3);   // or shorter
     for (const int reports : {2, 3, 4}) next(-3, reports, 1e-3 * reports, 1e-3 * reports);
+    CHECK(behind.unsure_rad() > 0);
+    later = behind;
+    later.configure(0.01, 1e-4, kCycle_s);
+    DOUBLES_EQUAL(0, later.unsure_rad(), 0);
     const double told_rad = behind.sample({at_rad, speed, at_ns}).position_rad;
     DOUBLES_EQUAL(told_rad, behind.sample({at_rad + 1, speed, at_ns + 300'000}).position_rad,
                   0);                                                     // between two

@@ -130,6 +130,21 @@ TEST(EncoderWatch, an_encoder_that_turns_round_at_speed_is_seen) {
     }
 }
 
+// A light robot's loop has doubled a wheel's speed some tenths of a second after its encoder loses each other
+// count.
+TEST(EncoderWatch, an_encoder_that_loses_counts_at_speed_is_seen) {
+    for (const double share : {0.5, 0.25}) {
+        for (const bool right : {false, true}) {
+            Watched w;
+            w.drive(pushes(2, false), 300);
+            LONGS_EQUAL(-1, w.drive(pushes(kFriction_Nm, false), 200));
+            w.lies(right, share);
+            const int seen = w.drive(pushes(2, false), 500);
+            CHECK_TEXT(seen > 0 && seen <= 200, std::to_string(seen).c_str());
+        }
+    }
+}
+
 TEST(EncoderWatch, full_torque_from_rest_shows_a_wrong_way) {
     for (const bool right : {false, true}) {
         Watched w;

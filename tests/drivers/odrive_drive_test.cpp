@@ -190,12 +190,14 @@ TEST(OdriveArming, generation_0_6_reads_back_all_that_has_an_endpoint) {
     };
     for (const Case& one :
          {Case{4, {}, ArmRefusal::none}, Case{0, {0, 0, 0, 0}, ArmRefusal::watchdog_not_confirmed},
-          Case{1, {0, 0, 0x80, 0x3F}, ArmRefusal::watchdog_not_confirmed},  // 1 s
-          Case{1, {0, 0, 0, 0}, ArmRefusal::watchdog_not_confirmed},        // 0 s
-          Case{1, {0, 0, 0xC0, 0x7F}, ArmRefusal::watchdog_not_confirmed},  // NaN
-          Case{1, {0x0A, 0xD7, 0x23, 0x3C}, ArmRefusal::none},              // 0.01 s
-          Case{2, {3, 0, 0, 0}, ArmRefusal::mode_not_confirmed},            // position
-          Case{3, {2, 0, 0, 0}, ArmRefusal::mode_not_confirmed}}) {         // velocity ramp
+          Case{1, {0, 0, 0x80, 0x3F}, ArmRefusal::watchdog_not_confirmed},        // 1 s
+          Case{1, {0x9A, 0x99, 0x59, 0x3D}, ArmRefusal::watchdog_not_confirmed},  // 0.0531 s
+          Case{1, {0xE1, 0xCC, 0x4C, 0x3D}, ArmRefusal::watchdog_not_confirmed},  // 0.0500001 s
+          Case{1, {0, 0, 0, 0}, ArmRefusal::watchdog_not_confirmed},              // 0 s
+          Case{1, {0, 0, 0xC0, 0x7F}, ArmRefusal::watchdog_not_confirmed},        // NaN
+          Case{1, {0x0A, 0xD7, 0x23, 0x3C}, ArmRefusal::none},                    // 0.01 s
+          Case{2, {3, 0, 0, 0}, ArmRefusal::mode_not_confirmed},                  // position
+          Case{3, {2, 0, 0, 0}, ArmRefusal::mode_not_confirmed}}) {               // velocity ramp
         OdriveConfig c = config(OdriveGeneration::v0_6);
         c.watchdog_endpoint = 100;
         c.watchdog_timeout_endpoint = 101;
@@ -314,6 +316,7 @@ TEST(OdriveArming, frames_of_the_other_generation_are_told_and_refused) {
              Case{v0_6, 0x074, {0, 0, 0, 0, 0, 0, 0, 0}, false},     // both have currents
              Case{v0_5, 0x061, {0, 0, 0, 1, 1, 0, 0, 0}, true},      // an expired watchdog of 0.6
              Case{v0_5, 0x061, {0, 0, 0, 0, 1, 3, 0, 0}, true},      // result 3
+             Case{v0_5, 0x061, {0, 0, 0, 0, 1, 2, 0, 0}, true},      // result 2
              Case{v0_5, 0x061, {0, 8, 0, 0, 1, 1, 1, 0x81}, false},  // watchdog and all flags: 0.5 itself
              Case{v0_5, 0x07C, {0, 0, 0, 0, 0, 0, 0, 0}, true},      // torques
          }) {
@@ -346,6 +349,8 @@ TEST(OdriveArming, one_frame_of_the_other_generation_is_no_evidence_and_some_are
     b.check_sent({});  // but a reason to wait
     CHECK(b.drive.refusal() == ArmRefusal::none);
     b.heartbeat(1);
+    b.cycle();
+    b.check_sent({});  // some doubt is left
     b.heartbeat(1);
     b.cycle();
     CHECK(b.drive.state() == DriveState::arming);
@@ -769,6 +774,16 @@ TEST(OdriveFaults, who_arms_a_drive_again_and_again_is_answered_by_estop) {
     b.receive(0x067, {8, 0, 0, 0});
     b.cycle();
     b.check_sent({});
+    b.cycles(999);
+    b.receive(0x067, {8, 0, 0, 0});  // a second later: no more within it
+    b.cycle();
+    b.check_sent({});
+
+    Bench first(config(OdriveGeneration::v0_6));
+    first.now = 0;  // the clock has only begun
+    first.receive(0x067, {8, 0, 0, 0});
+    first.cycle();
+    first.check_sent({});
 
     Bench armed(config(OdriveGeneration::v0_6));
     armed.arm();
@@ -932,6 +947,7 @@ TEST(OdriveFeedback, somebody_elses_commands_to_the_drive_are_noticed) {
     CHECK_EQUAL(2U, b.drive.counters().foreign_control);
     CHECK(b.receive(0x067, {1, 0, 0, 0}));  // to idle, and limits
     CHECK(b.receive(0x06F, {0, 0, 0, 0, 0, 0, 0, 0}));
+    CHECK(b.receive(0x062, {}));  // what the driver makes nothing of is this drive's all the same
     CHECK_EQUAL(4U, b.drive.counters().foreign_commands);
     CHECK_EQUAL(2U, b.drive.counters().foreign_control);
 }
@@ -989,6 +1005,8 @@ TEST(OdriveConfiguration, the_robot_file_reaches_the_drive_left_and_right) {
     p.drive.heartbeat_period_ms = 50;
     p.drive.encoder_period_ms = 2;
     p.drive.torque_period_ms = 20;
+    p.drive.supply_period_ms = 200;
+    p.drive.temperature_period_ms = 500;
     p.drive.watchdog_assured = true;
     p.drive.watchdog_endpoint = 391;
     const OdriveConfig left = odrive_config(p, Wheel::left);
@@ -1005,6 +1023,8 @@ TEST(OdriveConfiguration, the_robot_file_reaches_the_drive_left_and_right) {
     DOUBLES_EQUAL(0.05, left.heartbeat_period_s, 1e-12);
     DOUBLES_EQUAL(0.002, left.encoder_period_s, 1e-12);
     DOUBLES_EQUAL(0.02, left.torque_period_s, 1e-12);
+    DOUBLES_EQUAL(0.2, left.supply_period_s, 1e-12);
+    DOUBLES_EQUAL(0.5, left.temperature_period_s, 1e-12);
     CHECK(left.watchdog_assured);
     CHECK_EQUAL(391, left.watchdog_endpoint);
 }
@@ -1282,7 +1302,7 @@ TEST(OdriveFeedback, a_question_of_somebody_else_is_noticed) {
     question.remote = true;
     CHECK(b.drive.accept({question, b.now}));
     CHECK_EQUAL(1U, b.drive.counters().foreign_commands);
-    b.receive(0x07C, kZero8);
+    for (int i = 0; i < 3; ++i) b.receive(0x07C, kZero8);
     b.heartbeat(1);
     CHECK(b.drive.state() == DriveState::idle);
     b.receive(0x067, {1});  // short, but to idle
@@ -1578,9 +1598,146 @@ TEST(OdriveConfiguration, limits_and_endpoints_reach_the_drive) {
 
 TEST(OdriveConfiguration, the_listed_frames_are_those_of_the_generation_and_their_way) {
     for (const OdriveGeneration generation : kGenerations) {
-        const OdriveDrive drive(config(generation));
-        CHECK_EQUAL(4U, drive.frames().size());
-        for (const DriveFrame& f : drive.frames()) CHECK_EQUAL(f.name == "Set_Input_Torque", f.to_drive);
+        OdriveConfig c = config(generation);
+        c.supply_period_s = c.temperature_period_s = 0.1;
+        const OdriveDrive drive(c);
+        for (const DriveFrame& f : drive.frames()) {
+            CHECK_EQUAL(f.name == "Set_Input_Torque", f.to_drive);
+            CHECK_FALSE(f.extended);
+        }
         CHECK(drive.frames()[2].name == (generation == OdriveGeneration::v0_5 ? "Get_Iq" : "Get_Torques"));
+    }
+}
+
+// A step of the coarsest encoder is 0.0977 turns of this motor, a wheel that covers it in 0.1 s turns it by
+// 0.977 turns a second.
+TEST(OdriveFaults, a_drive_counts_anew_after_a_gap_where_it_cannot_have_gone_from_where_it_was) {
+    struct Case {
+        float rev, speed_rev_per_s;  // before the gap, and 4 ms later:
+        float next_rev, next_rev_per_s;
+        bool anew;
+    };
+    for (const Case& each : {
+             Case{0.5F, 0, 0.597F, 0, false},     // less than a step
+             Case{0.5F, 0, 0.598F, 0, true},      // more
+             Case{3, -10, 0.25F, -10, true},      // 0.04 were expected
+             Case{0.2F, 20, 0.36F, 20, false},    // it went at twice its speed
+             Case{5, 0, 1, 0, true},              // within the first turn
+             Case{5, 0, 1.5F, 0, false},          // beyond it
+             Case{0.05F, 1, 0, 0, true},          // stops dead at 0
+             Case{0.05F, 0.9F, 0, 0, false},      // from a speed that may end so
+             Case{0.05F, 2, 0.05F, 0, false},     // not at 0
+             Case{0.05F, 2, 0, 1, false},         // does not stop
+             Case{-0.05F, -2, -0.05F, -2, false}  // no motion: a step at most
+         }) {
+        Bench b(config(OdriveGeneration::v0_6));
+        b.arm();
+        b.drive.accept({with_floats(0x069, each.rev, each.speed_rev_per_s), b.now});
+        b.drive.accept({with_floats(0x069, each.next_rev, each.next_rev_per_s), b.now + 4 * kMs});
+        CHECK(b.drive.fault() == (each.anew ? DriveFault::left_armed : DriveFault::none));
+        // Meanwhile it has gone on.
+        const double rev = each.anew ? each.rev + 0.004 * each.speed_rev_per_s : each.next_rev;
+        DOUBLES_EQUAL(rev, -b.drive.feedback().position_rad * 6.25 / (2 * kPi), 1e-6);
+    }
+}
+
+TEST(OdriveFaults, a_drive_is_away_after_5_ms_and_only_a_new_count_is_a_fault_of_one_that_works) {
+    for (const std::uint32_t report : {0x069U, 0x07CU}) {
+        for (const std::int64_t late_ns : {0, 1}) {
+            Bench b(config(OdriveGeneration::v0_6));
+            b.heartbeat(1);
+            b.drive.accept({with_floats(0x069, 0.5F, 0), b.now});
+            b.drive.accept({with_floats(report, 0.5F, 0), b.now + 5 * kMs + late_ns});
+            b.cycle();
+            CHECK_EQUAL(late_ns == 0 ? 0U : 2U, b.sent.count);
+        }
+        Bench armed(config(OdriveGeneration::v0_6));
+        armed.arm();
+        armed.encoder(0.5F, 0);
+        armed.cycles(10);
+        armed.drive.accept({with_floats(report, 0.5F, 0), armed.now});
+        CHECK(armed.drive.state() == DriveState::armed);
+    }
+    Bench arming(config(OdriveGeneration::v0_6));
+    arming.heartbeat(1);
+    arming.drive.request_arm();
+    arming.encoder(3, 0);
+    arming.cycles(10);
+    arming.receive(0x07C, kZero8);
+    CHECK(arming.drive.state() == DriveState::arming);
+    arming.encoder(3, 0);
+    arming.cycles(3);
+    arming.encoder(0.5F, 0);
+    CHECK(arming.drive.refusal() == ArmRefusal::silent);
+    arming.heartbeat(8);
+    CHECK(arming.drive.state() != DriveState::armed);
+}
+
+TEST(OdriveFeedback, a_drive_that_was_told_to_count_anew_and_does_after_a_gap_was_not_away) {
+    Bench b(config(OdriveGeneration::v0_6));
+    b.heartbeat(1);
+    for (int i = 0; i < 10; ++i) b.drive.accept({with_floats(0x069, -1100, 0), b.now});
+    b.cycle();
+    b.check_sent({frame(0x079, kZero8)});
+    b.cycles(2);
+    b.drive.accept({with_floats(0x069, 0.25F, 0), b.now});
+    DOUBLES_EQUAL(1100 * 2 * kPi / 6.25, b.drive.feedback().position_rad, 1e-9);
+    b.cycle();
+    b.check_sent({});
+}
+
+// The story: an old drive that ignored the order went far and came back. Its way back was taken for the new
+// count, and the angle leapt by hundreds of turns.
+TEST(OdriveFeedback, a_drive_that_does_not_count_anew_and_comes_back_by_itself_is_where_it_says) {
+    for (const float way : {1.F, -1.F}) {
+        Bench b(config(OdriveGeneration::v0_6));
+        const auto told_at = [&](float rev, float speed_rev_per_s = 0) {
+            b.drive.accept({with_floats(0x069, way * rev, way * speed_rev_per_s), b.now});
+            b.cycle();
+            return -way * b.drive.feedback().position_rad * 6.25 / (2 * kPi);
+        };
+        const auto goes_far = [&] {
+            b.heartbeat(1);
+            told_at(1000);
+            b.sent.count = 0;
+            for (int i = 0; i < 8; ++i) told_at(1100);
+            b.check_sent({frame(0x079, kZero8)});
+        };
+        goes_far();
+        for (const float rev : {1000.F, 760.F, 510.F}) DOUBLES_EQUAL(rev, told_at(rev), 1e-9);
+        goes_far();  // it is told again
+        told_at(760);
+        DOUBLES_EQUAL(1100 + 0.002 * 100, told_at(500, 100), 1e-9);  // 2 ms after it was far
+    }
+}
+
+// Who reads a log tells the driver what was sent.
+TEST(OdriveFeedback, an_order_to_count_anew_that_was_sent_counts_for_this_drive_and_far_from_its_origin) {
+    struct Case {
+        float rev;
+        std::uint32_t id;
+        bool goes_on;
+    };
+    for (const OdriveGeneration generation : kGenerations) {
+        for (const Case& each : {Case{1100, 0x079, true}, Case{300, 0x079, false}, Case{1100, 0x099, false},
+                                 Case{1100, 0x078, false}, Case{1100, 0x0D9, false}}) {
+            Bench b(config(generation));
+            for (int i = 0; i < 2; ++i) b.drive.accept({with_floats(0x069, each.rev, 0), b.now});
+            b.drive.was_sent(frame(each.id, kZero8));
+            b.drive.accept({with_floats(0x069, 0.5F, 0), b.now});
+            const double rev = -b.drive.feedback().position_rad * 6.25 / (2 * kPi);
+            DOUBLES_EQUAL(each.goes_on ? each.rev : 0.5, rev, 1e-9);
+        }
+    }
+}
+
+TEST(OdriveArming, what_makes_it_idle_can_be_had_at_any_time) {
+    for (const OdriveGeneration generation : kGenerations) {
+        Bench b(config(generation));
+        b.drive.push_idle(b.sent);
+        b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
+        b.arm();
+        b.drive.push_idle(b.sent);
+        b.check_sent({frame(0x06E, kZero8), frame(0x067, {1, 0, 0, 0})});
     }
 }

@@ -56,6 +56,7 @@ void for_each_command(Visit visit) {
     visit(protocol::IdentSettings{});
     visit(protocol::ParameterRequest{});
     visit(protocol::ClearFault{});
+    visit(protocol::ArmingAnswer{});
     visit(protocol::HostAlive{});
 }
 
@@ -119,6 +120,15 @@ TEST(HostCommands, each_request_is_an_event_of_one_cycle) {
     CHECK(host.link.events().ident.has_value());
     CHECK(host.link.events().clear_fault);
     CHECK_FALSE(host.link.events().stop || host.link.events().external_pose);
+    // One answer is tried in a cycle.
+    protocol::ArmingAnswer answer;
+    CHECK_FALSE(host.link.events().answer.has_value());
+    for (const std::uint32_t first : {1U, 2U}) {
+        answer.code_low = first;
+        CHECK(host.say(answer));
+        CHECK_EQUAL(1U, host.link.events().answer->code_low);
+        CHECK_EQUAL(first - 1U, host.link.counter(Cause::rejected_answer));
+    }
     for (std::uint16_t i = 0; i < 8; ++i) {
         protocol::ParameterRequest request;
         request.index = i;
@@ -142,8 +152,8 @@ TEST(HostCommands, a_frame_that_is_wrong_in_any_way_changes_nothing_and_is_count
             CHECK_FALSE(host.link.torque_Nm.received || host.link.velocity.received ||
                         host.link.goal.received || host.link.streamed.received ||
                         host.link.external_pose.received);
-            CHECK_FALSE(e.mode || e.trajectory || e.ident || e.clear_fault || e.stop || e.external_pose ||
-                        e.parameter_count > 0);
+            CHECK_FALSE(e.mode || e.trajectory || e.ident || e.clear_fault || e.answer || e.stop ||
+                        e.external_pose || e.parameter_count > 0);
             CHECK_EQUAL(0, host.link.heard_ns());
         };
         hal::CanFrame frame = Host::sealed(message, 1);

@@ -392,6 +392,61 @@ TEST(CycleSteps, observe_tells_what_it_was_told_and_fuses_a_pose_from_outside) {
     CHECK_FALSE(seen.sample.usable);
 }
 
+// With a model that expects 1e5 rad/s^2 of the torque, which does nothing.
+TEST(CycleSteps, observe_tells_each_tenth_cycle_how_fast_the_wheels_turn_by_the_encoders_alone) {
+    const model::RobotParameters parameters = model::default_parameters();
+    auto plant = control::plant_model<double>(parameters);
+    plant.dynamics.k7_per_kg_m = 1e4;
+    Senses senses;
+    senses.configure(parameters, 0);
+    drivers::DriveFeedback left, right;
+    double most_off_rad_per_s = 0;
+    for (int i = 1; i <= 200; ++i) {
+        left.encoder_time_ns = right.encoder_time_ns = kCycle_ns * i;
+        left.position_rad = 2e-3 * i;
+        right.position_rad = -3e-3 * i;
+        senses.torque_sent({0.5 * (i % 7), 0.5 * (i % 7)});
+        const Observed seen =
+            senses.observe({kCycle_ns * i, kCyclePeriod_s, true, left, right, nullptr, {}}, plant);
+        LONGS_EQUAL(i % 10 == 0, seen.encoder_speed != nullptr);
+        if (i > 100)
+            most_off_rad_per_s =
+                std::max(most_off_rad_per_s, std::abs(seen.motion.wheel_speed_rad_per_s.left - 2));
+        if (seen.encoder_speed == nullptr) continue;
+        LONGS_EQUAL(i > 40, seen.encoder_speed->known());
+        if (i <= 40) continue;
+        DOUBLES_EQUAL(2, seen.encoder_speed->rad_per_s().left, 1e-9);
+        DOUBLES_EQUAL(-3, seen.encoder_speed->rad_per_s().right, 1e-9);
+    }
+    CHECK(most_off_rad_per_s > 20);
+}
+
+// A loop of 100 rad/s is off by a ten thousandth of what accelerates the wheel; a count is root 12 of its
+// noise.
+TEST(CycleSteps, an_angle_behind_a_loop_that_has_more_than_a_count_to_go_is_unsure_by_one) {
+    model::RobotParameters parameters = model::default_parameters();
+    parameters.drive.left.encoder_lag_s = parameters.drive.right.encoder_lag_s = 0.01;
+    parameters.velocity_loop.angle_noise_rad = 1e-3;
+    const auto plant = control::plant_model<double>(parameters);
+    Senses senses;
+    senses.configure(parameters, 0);
+    std::array<drivers::DriveFeedback, 2> drives;
+    Observed seen;
+    for (int i = 1; i <= 20; ++i) {
+        for (const std::size_t each : {0, 1}) {
+            drivers::DriveFeedback& drive = drives[each];
+            const double gained = each == 0 ? 0.1 : 0.03;  // in a cycle
+            drive.encoder_time_ns = kCycle_ns * i;
+            drive.position_rad += 0.02 * gained + kCyclePeriod_s * (drive.speed_rad_per_s + gained / 2);
+            drive.speed_rad_per_s += gained;
+        }
+        seen =
+            senses.observe({kCycle_ns * i, kCyclePeriod_s, true, drives[0], drives[1], nullptr, {}}, plant);
+    }
+    DOUBLES_EQUAL(0.01 / 30 + std::sqrt(12.0) * 1e-3, (*seen.encoder)[0].unsure_rad, 1e-9);
+    DOUBLES_EQUAL(0.003 / 30, (*seen.encoder)[1].unsure_rad, 1e-9);
+}
+
 TEST(CycleSteps, observe_tells_of_positions_and_speeds_that_are_of_two_scales) {
     model::RobotParameters parameters = model::default_parameters();
     const auto plant = control::plant_model<double>(parameters);

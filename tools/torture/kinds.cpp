@@ -213,7 +213,7 @@ constexpr std::string_view kDropsOutNames = "drive_left_armed_state,torque_not_f
 constexpr std::string_view kLieNames = "encoder_implausible,over_speed,stale_feedback";
 // The last ones are what an identification says that ends by itself.
 constexpr std::string_view kStillNames =
-    "encoder_implausible,left_wheel_does_not_turn,right_wheel_does_not_turn";
+    "encoder_implausible,over_speed,left_wheel_does_not_turn,right_wheel_does_not_turn";
 constexpr std::string_view kSignNames =
     "encoder_implausible,over_speed,stale_feedback,left_wheel_against_torque,right_wheel_against_torque,"
     "one_sign_wrong";
@@ -644,7 +644,7 @@ constexpr std::array kKinds{
                 },
                 [](Scene& s) { ++s.count; }},
     TortureKind{"torques_lost", "what the firmware sends is lost", Expect::stops,
-                "drive_error,drive_left_armed_state,torque_not_followed",
+                "drive_error,drive_left_armed_state,torque_not_followed,encoder_implausible",
                 [](Scene& s) { s.firmware_bus().on_send([](hal::ReceivedFrame&) { return Deal::lose; }); },
                 nullptr, watchdogs, "the drives' watchdogs", From::harm, 1, 0.1, true},
     TortureKind{"loss_1_percent", "one frame of a hundred is lost, each way", Expect::serves, "",

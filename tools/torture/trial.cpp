@@ -144,7 +144,7 @@ class Judge final : public sim::BusTap {
         if (driven) undriven_since_s_.reset();
         // The firmware says it in the cycle that has just been.
         if (!driven && !undriven_since_s_) undriven_since_s_ = scene_.since_s(scene_.sim().cycle_ns());
-        reachable_ = !(kind_.unreachable && watched);
+        watched_ = watched;
         look_at_rest(scene_.sim().now_ns());
         if (watched) {
             rim_ = std::max(rim_, rim_m_per_s(world));
@@ -187,6 +187,8 @@ class Judge final : public sim::BusTap {
     // When torque was last seen, and when it was then seen to be gone.
     double last_torque_s() const { return last_torque_s_; }
     double no_torque_s() const { return no_torque_s_; }
+    // In which torque acted since the firmware is told: all of it, with or without a pause between.
+    double torque_since_told_s() const { return torque_since_told_s_; }
     double rim() const { return rim_; }
     const std::vector<Fault>& faults() const { return faults_; }
     std::uint64_t hash() const { return hash_; }
@@ -195,7 +197,10 @@ class Judge final : public sim::BusTap {
     // At each frame's end and each cycle's: some tenths of a millisecond apart.
     void look_at_torque(std::int64_t now_ns) {
         if (cleared_) return;
+        const double since_look_s = scene_.since_s(now_ns) - looked_s_;
+        looked_s_ += since_look_s;
         if (true_torque_Nm(scene_.sim().world()) > 0) {
+            if (scene_.told_s()) torque_since_told_s_ += since_look_s;
             last_torque_s_ = scene_.since_s(now_ns);
             gone_ = false;
         } else if (!gone_) {
@@ -213,10 +218,14 @@ class Judge final : public sim::BusTap {
                                    ? std::max(*undriven_since_s_, scene_.told_s().value_or(now_s))
                                    : *undriven_since_s_;
         double grace_s = kGrace_s + scene_.setup().simulation.command_latency_s;
-        if (!reachable_)
+        if (watched_ && kind_.unreachable)
             grace_s = std::max(grace_s, scene_.setup().believed.drive.watchdog_timeout_s + 2 * kCycle_s);
         const double torque_Nm = true_torque_Nm(scene_.sim().world());
-        if (torque_Nm > 0 && now_s - since_s > grace_s + 1e-9)
+        // A stop has its bound, wherever in it the firmware says so.
+        const bool has_time = watched_ && kind_.expect == Expect::stops && kind_.from == From::harm &&
+                              kind_.bound_s != nullptr &&
+                              now_s <= kind_.bound_s(scene_) + scene_.setup().simulation.command_latency_s;
+        if (torque_Nm > 0 && !has_time && now_s - since_s > grace_s + 1e-9)
             violate("torque at rest", text("%.2f Nm, %.1f ms after the firmware says that nobody drives",
                                            torque_Nm, 1e3 * (now_s - *undriven_since_s_)));
     }
@@ -238,10 +247,11 @@ class Judge final : public sim::BusTap {
     std::uint64_t hash_ = 0xCBF29CE484222325U;
     double last_torque_s_ = -1;
     double no_torque_s_ = 0;
+    double looked_s_ = 0, torque_since_told_s_ = 0;
     bool gone_ = true;
     bool clear_asked_ = false, cleared_ = false;
     std::optional<double> undriven_since_s_;
-    bool reachable_ = true;
+    bool watched_ = false;
     double rim_ = 0;
     Fault fault_ = Fault::none;
     std::vector<Fault> faults_;
@@ -380,7 +390,11 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
     const double from_s = kind.from != From::harm ? scene.told_s().value_or(0) : 0;
     const bool untold = kind.from == From::lie && !scene.told_s();
     const double latency_s = untouched.setup.simulation.command_latency_s;
-    if (result.stopped && !untold) result.zero_s = std::max(0.0, judge.no_torque_s() - from_s - latency_s);
+    // An encoder's lie can be seen while torque acts, and does harm while it does.
+    const double torque_s =
+        kind.from == From::lie ? judge.torque_since_told_s() : judge.last_torque_s() - from_s;
+    const double zero_s = kind.from == From::lie ? torque_s : judge.no_torque_s() - from_s;
+    if (result.stopped && !untold) result.zero_s = std::max(0.0, zero_s - latency_s);
 
     for (const Fault fault : judge.faults()) {
         const std::string_view name = protocol::to_string_view(fault);
@@ -395,9 +409,8 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
         if (!result.stopped && !untold)
             judge.violate("goes on", "no fault, " + std::string(protocol::to_string_view(supervisor.mode())));
         const double bound_s = result.bound_s + latency_s;
-        if (!untold && judge.last_torque_s() - from_s > bound_s + 1e-9)
-            judge.violate("late", text("torque for %.1f ms, bound %.1f",
-                                       1e3 * (judge.last_torque_s() - from_s), 1e3 * bound_s));
+        if (!untold && torque_s > bound_s + 1e-9)
+            judge.violate("late", text("torque for %.1f ms, bound %.1f", 1e3 * torque_s, 1e3 * bound_s));
     }
     if (kind.expect == Expect::rests) {
         result.zero_s = std::max(0.0, judge.no_torque_s() - latency_s);

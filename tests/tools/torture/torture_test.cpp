@@ -35,18 +35,14 @@ struct Known {
 };
 constexpr Known kKnown[] = {
     // clang-format off
-    {"lie_sign", 481005, "late"},
-    {"lie_frozen", 321064, "late"},
+    {"lie_sign", 481005, "goes on"},
+    {"lie_both_frozen", 601181, "late"},
     {"lie_frame_repeated", 151177, "late"},
-    {"lie_half_counts", 29, "quicker"},
-    {"swapped_nodes", 141062, "quicker"},
+    {"lie_half_counts", 611238, "quicker"},
+    {"origin_jump", 561136, "false trip"},
+    {"swapped_nodes", 601105, "quicker"},
     // clang-format on
 };
-
-bool is_known(std::string_view kind) {
-    return std::any_of(std::begin(kKnown), std::end(kKnown),
-                       [kind](const Known& known) { return kind == known.kind; });
-}
 
 std::string all_of(const std::vector<std::string>& lines) {
     std::string text;
@@ -72,7 +68,7 @@ TEST(Torture, every_fault_is_survived_or_ends_in_time_and_under_its_name) {
         CHECK_EQUAL_TEXT(std::string(), untouched.problem, untouched.setup.text().c_str());
         std::size_t number = seed;
         for (const TortureKind& kind : torture_kinds()) {
-            if (is_known(kind.name) || ++number % 3 != 0) continue;
+            if (++number % 3 != 0) continue;
             ++runs;
             const TortureResult result = torture(kind, untouched);
             for (const std::string& violation : result.violations)
