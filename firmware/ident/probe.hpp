@@ -14,7 +14,9 @@
 // torque and its opposite friction cancels. No wheel gets faster than kSpeedShare of the speed limit, nor
 // near what the yaw rate limit makes of it at the rims: one wheel may go backwards, and forward be turning.
 //
-// What is wrong with the robot has a name, IdentCause, before anything moves fast.
+// What is wrong with the robot has a name, IdentCause, before anything moves fast: a wheel that goes against
+// its torque from rest, one that stands where it has moved before, one that is dragged further than the wheel
+// that is pushed, and one that a brake makes quicker.
 //
 // One call of step() a cycle, less than 300 operations, but for the one that ends a parabola (about 200
 // more). No allocation.
@@ -25,6 +27,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 
 #include "firmware/ident/lifted_wheel.hpp"
 #include "firmware/ident/mirror_test.hpp"
@@ -50,7 +53,8 @@ inline constexpr double kMovesEnough = 1.5;
 constexpr bool doubts_encoders(IdentCause cause) {
     using enum protocol::IdentCause;
     return cause == left_wheel_does_not_turn || cause == right_wheel_does_not_turn ||
-           cause == left_wheel_against_torque || cause == right_wheel_against_torque || cause == no_room;
+           cause == left_wheel_against_torque || cause == right_wheel_against_torque || cause == no_room ||
+           cause == not_at_rest;
 }
 
 struct ProbeOptions {
@@ -155,10 +159,8 @@ class Probe {
     // A wheel that is pushed stands to the digit, and has since the other one has turned: held fast, or its
     // encoder is.
     IdentCause wheel_standing() const {
-        if (std::abs(angle_.right - left_changed_.right) > kMostUnseen_rad)
-            return IdentCause::left_wheel_does_not_turn;
-        if (std::abs(angle_.left - right_changed_.left) > kMostUnseen_rad)
-            return IdentCause::right_wheel_does_not_turn;
+        if (std::abs(angle_.right - left_changed_.right) > kMostUnseen_rad) return does_not_turn(false);
+        if (std::abs(angle_.left - right_changed_.left) > kMostUnseen_rad) return does_not_turn(true);
         return IdentCause::none;
     }
 
@@ -184,6 +186,7 @@ class Probe {
     static constexpr double kRoomShare = 0.06;     // of the room, for one push
     static constexpr double kMoved_rad = 0.012;    // two steps of the coarsest encoder, 1000 counts a turn
     static constexpr double kNoises = 8;           // and of the noise
+    static constexpr double kFarMore = 5;          // times what a wheel that moves has moved
     static constexpr double kReportAge_s = 0.004;  // about: lag, bus, and the cycle's own age
     static constexpr double kSteadyRamp_s = 0.15;  // then the age is a small share of the ramp
     static constexpr double kUnclipped = 0.97;     // of what was asked
@@ -206,6 +209,20 @@ class Probe {
     static constexpr std::size_t kMostPulses = 8;
     static constexpr std::size_t kSpeedSpan = 16;
     static constexpr std::size_t kRing = 64;  // three times two reports each 10 ms
+
+    // A wheel while a pause brakes: its speed, smoothed as a single one is noisy, and the least of it.
+    struct Braked {
+        double speed_m_per_s = -1, slowest_m_per_s = 0;
+        bool quicker = false;  // than it was
+
+        void take(double seen_m_per_s, double by_chance_m_per_s) {
+            constexpr double kCycles = 8;
+            if (speed_m_per_s < 0) speed_m_per_s = slowest_m_per_s = seen_m_per_s;
+            speed_m_per_s += (seen_m_per_s - speed_m_per_s) / kCycles;
+            slowest_m_per_s = std::min(slowest_m_per_s, speed_m_per_s);
+            quicker = quicker || speed_m_per_s > slowest_m_per_s + by_chance_m_per_s;
+        }
+    };
 
     // What is seen of encoders that report less often than each cycle is so much older.
     double later_s() const { return std::max(options_.sample_age_s - 2 * options_.sample_time_s, 0.0); }
@@ -248,6 +265,7 @@ class Probe {
         stage_cycles_ = 0;
         if (stage != Stage::pause) {
             begin_ = angle_;
+            begin_rad_per_s_ = speed_;
             cut_short_ = false;
             ramped_ = stage;
         }
@@ -260,11 +278,18 @@ class Probe {
         go(Stage::pause);
         still_cycles_ = 0;
         still_at_ = angle_;
+        braked_ = {};
         sides_.forget();
     }
     void end(IdentCause fault) {
         found_.fault = fault;
         go(Stage::done);
+    }
+    static constexpr IdentCause against_torque(bool right) {
+        return right ? IdentCause::right_wheel_against_torque : IdentCause::left_wheel_against_torque;
+    }
+    static constexpr IdentCause does_not_turn(bool right) {
+        return right ? IdentCause::right_wheel_does_not_turn : IdentCause::left_wheel_does_not_turn;
     }
     double stage_s() const { return stage_cycles_ * options_.sample_time_s; }
 
@@ -310,7 +335,7 @@ class Probe {
         rest_noise_rad_ =
             std::sqrt(std::max(rest_fit_.residual_variance(), rest_fit_other_.residual_variance()));
         const WheelPair<double> m = moved();
-        if (std::max(std::abs(m.left), std::abs(m.right)) > 5 * moved_enough())
+        if (std::max(std::abs(m.left), std::abs(m.right)) > kFarMore * moved_enough())
             return end(IdentCause::not_at_rest);
         sides_.halt(0, angle_);
         go(Stage::left);
@@ -320,22 +345,21 @@ class Probe {
     void ramp() {
         const bool right = stage_ == Stage::right;
         const WheelPair<double> m = moved();
-        const double mine = right ? m.right : m.left;
+        const auto [mine, other] = right ? std::pair{m.right, m.left} : std::pair{m.left, m.right};
         double& breakaway = right ? found_.breakaway_Nm.right : found_.breakaway_Nm.left;
+        // it goes further than the wheel that it drags
+        if (std::abs(other) > std::abs(mine) + kFarMore * moved_enough()) return end(does_not_turn(right));
         const double torque =
             std::min(options_.torque_limit_Nm * stage_s() / kRamp_s, options_.torque_limit_Nm);
         if (std::abs(mine) > moved_enough()) {
             breakaway = torque;
-            if (mine < 0)
-                return end(right ? IdentCause::right_wheel_against_torque
-                                 : IdentCause::left_wheel_against_torque);
+            if (mine < 0) return end(against_torque(right));
             return rest_then(right ? Stage::forward : Stage::right);
         }
         if (stage_s() > kRamp_s + kRest_s) {
             breakaway = 0;
             if (!right) return rest_then(Stage::right);
-            return end(found_.breakaway_Nm.left > 0 ? IdentCause::right_wheel_does_not_turn
-                                                    : IdentCause::too_heavy);
+            return end(found_.breakaway_Nm.left > 0 ? does_not_turn(right) : IdentCause::too_heavy);
         }
         torque_ = right ? WheelPair<double>{0, torque} : WheelPair<double>{torque, 0};
         if (stage_s() > kSteadyRamp_s) compare_report(0);
@@ -378,23 +402,31 @@ class Probe {
             still_cycles_ = 0;
             sides_.forget();
         }
-        // a robot that hardly rubs rolls on: stopped by a torque of its own friction, below what would start
-        // it
-        const bool rolls = std::max(std::abs(v.left), std::abs(v.right)) >
-                           slow + kSure * noise_m / (kSpeedSpan * options_.sample_time_s);
-        if (rolls && stage_s() > kStill_s) {
-            torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
-                       -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
+        // A robot that hardly rubs rolls on: stopped by a torque of its own friction, below what would start
+        // it.
+        const double fastest = std::max(std::abs(v.left), std::abs(v.right));
+        const double by_noise = kSure * noise_m / (kSpeedSpan * options_.sample_time_s);
+        // But one that makes it quicker may be told the wrong way, which the next push shows.
+        if (fastest > slow + by_noise && stage_s() > kStill_s) {
+            braked_[0].take(std::abs(v.left), slow / 4 + by_noise / 4);
+            braked_[1].take(std::abs(v.right), slow / 4 + by_noise / 4);
+            if (!braked_[0].quicker && !braked_[1].quicker)
+                torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
+                           -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
         }
         ++still_cycles_;
         // after a push, as a drive's encoder loop is known then or is not, in both
         if (usable_ && (ramped_ == Stage::forward || ramped_ == Stage::turning))
             measure_noise(still_cycles_ * options_.sample_time_s - kStill_s / 2, rest_noise_power_,
                           found_.rest_noise_rad);
-        if (still_cycles_ * options_.sample_time_s < kStill_s && stage_s() < kLongestPause_s) return;
+        if (still_cycles_ * options_.sample_time_s < kStill_s) {
+            if (stage_s() < kLongestPause_s) return;
+            if ((braked_[0].quicker || braked_[1].quicker) && fastest > slow + by_noise)
+                return end(IdentCause::not_at_rest);
+        }
         const Stage next = next_;
         if (next == Stage::forward) {
-            if (!(found_.breakaway_Nm.left > 0)) return end(IdentCause::left_wheel_does_not_turn);
+            if (!(found_.breakaway_Nm.left > 0)) return end(does_not_turn(false));
             if (stage_before_ != Stage::forward) sides_.halt(0, angle_);  // all pushes count; but brisk ones
         }
         if (next == Stage::turning && stage_before_ == Stage::forward) sides_.halt(1, angle_);
@@ -485,13 +517,14 @@ class Probe {
         const double fastest = std::max(std::abs(v.left), std::abs(v.right));
         const double leg_s = ++leg_cycles_ * options_.sample_time_s;
         const double sense = leg_ == 0 ? push_sense() : -push_sense();
-        // more than what has moved them, and neither moves by a digit: of two that stand the left one is
-        // named
-        const bool still = angle_.left == last_.left && angle_.right == last_.right;
-        still_cycles_ = leg_ == 0 && leg_cycles_ > 1 && still ? still_cycles_ + 1 : 0;
-        last_ = angle_;
-        if (still_cycles_ * options_.sample_time_s > kNeverStanding_s)
-            return end(IdentCause::left_wheel_does_not_turn);
+        if (const IdentCause stands = standing_against_push(); stands != IdentCause::none) return end(stands);
+        // beyond what it rolled before: its own torque is more to a wheel than what the other one's hands on
+        // by mass and inertia
+        const WheelPair<double> gone{sense * sign_left * m.left, sense * m.right};
+        const double rolled =
+            leg_s * std::max(std::abs(begin_rad_per_s_.left), std::abs(begin_rad_per_s_.right));
+        if (leg_ == 0 && std::min(gone.left, gone.right) < -(moved_enough() + rolled))
+            return end(against_torque(gone.right < gone.left));
         follow_until_stopped(v, fastest);
         if (leg_s > settle_s() && usable_) {
             if (rolls_[0]) fit_[leg_][0].add(leg_s, angle_.left);
@@ -526,6 +559,22 @@ class Probe {
             return end_push(turning);
         }
         torque_ = {sense * sign_left * push_Nm_, sense * push_Nm_};
+    }
+
+    // More than what has moved it, and it does not move by half of its encoder's step, within which a drive's
+    // slow loop may creep. Of two that stand the left one is named.
+    IdentCause standing_against_push() {
+        const double least_rad = kStepPerNoise / 2 * found_.angle_noise_rad;
+        const std::array<double, 2> angle{angle_.left, angle_.right};
+        for (std::size_t wheel = 0; wheel < 2; ++wheel) {
+            auto& [at_rad, cycles] = stands_[wheel];
+            if (leg_ != 0 || leg_cycles_ <= 1 || std::abs(angle[wheel] - at_rad) > least_rad) {
+                at_rad = angle[wheel];
+                cycles = 0;
+            }
+            if (cycles++ * options_.sample_time_s > kNeverStanding_s) return does_not_turn(wheel == 1);
+        }
+        return IdentCause::none;
     }
 
     // Friction turns round with a wheel. One that has hardly moved, beside a lifted one, tells all the same.
@@ -634,9 +683,7 @@ class Probe {
     bool judge_answers() {
         const auto& own = found_.pushed_m_per_s2_Nm;
         if (found_.k7_per_kg_m > 0 && own.left > 0 && own.right > 0) return false;
-        end(!answers_stand_out()   ? IdentCause::no_room
-            : own.left > own.right ? IdentCause::right_wheel_does_not_turn
-                                   : IdentCause::left_wheel_does_not_turn);
+        end(answers_stand_out() ? does_not_turn(own.left > own.right) : IdentCause::no_room);
         return true;
     }
     IdentCause running_free() const {
@@ -798,8 +845,13 @@ class Probe {
     Stage next_ = Stage::done;
     std::uint32_t stage_cycles_ = 0, still_cycles_ = 0, leg_cycles_ = 0, steady_cycles_ = 0;
     std::size_t leg_ = 0;
-    WheelPair<double> torque_, told_before_, angle_, last_, begin_, still_at_, speed_, report_;
+    WheelPair<double> torque_, told_before_, angle_, begin_, begin_rad_per_s_, still_at_, speed_, report_;
     std::array<bool, 2> report_is_new_{};
+    struct Stands {
+        double at_rad = 0;
+        std::uint32_t cycles = 0;
+    };
+    std::array<Stands, 2> stands_{};
     bool usable_ = false, pushed_well_ = false;
     bool cut_short_ = false;      // a push was, in this pause
     Stage ramped_ = Stage::done;  // this stage, or the one before the pause
@@ -816,6 +868,7 @@ class Probe {
     double k7_per_kg_m_ = 0;
     std::array<bool, 2> rolls_{};
     std::array<double, 2> went_m_per_s_{};
+    std::array<Braked, 2> braked_{};
     double push_Nm_ = 0, went_s_ = 0, pulse_s_ = 0, leg_s_ = 0;
     std::array<double, 2> quadruple_{};
     std::array<std::array<Parabola, 2>, 2> fit_{};

@@ -518,16 +518,24 @@ TEST(ProbeParts, a_robot_that_cannot_be_identified_has_its_obstacle) {
 namespace {
 
 constexpr int kBoth = 2;
+// What an encoder does from a moment on: stands still, creeps within its step, counts backwards, or tells the
+// other wheel's angle; nothing leaps. And the moment: in a push, while the right wheel is pushed alone, or
+// with the first brake.
+enum class Lie : std::uint8_t { stands, creeps, backwards, exchanged };
+enum class From : std::uint8_t { push, right_ramp, brake };
 // Two carts that know nothing of each other.
 struct Carts {
     std::array<double, 2> mass_kg{12, 12}, rubs_Nm{0.4, 0.4};
     std::size_t reported_late_cycles = 0;
     int report_cycles = 1, blind_each_cycles = 0;  // and for forty of these
+    Lie lie = Lie::stands;
+    From from = From::push;
     double fastest_m_per_s = 0, angle_noise_rad = 0;
+    double lied_rad = 0;  // how far a wheel went since, at most
 };
 
-// Probes them, and freezes an encoder in a stage's push. `pushed`: for so many cycles since.
-IdentCause probed(Carts& carts, int frozen, double from_Nm, int* pushed = nullptr) {
+// Probes them, and has an encoder lie. `pushed`: for so many cycles since.
+IdentCause probed(Carts& carts, int liar, double from_Nm, int* pushed = nullptr) {
     ident::ProbeOptions options;
     options.geometry = {{kRadius_m, kRadius_m}, kTrack_m};
     options.sample_time_s = 1e-3;
@@ -542,7 +550,21 @@ IdentCause probed(Carts& carts, int frozen, double from_Nm, int* pushed = nullpt
     std::array<double, 2> angle_rad{}, speed_rad_per_s{}, torque_Nm{}, told_rad{};
     std::array<std::deque<double>, 2> was_rad;
     std::array<double, 2> reported_rad{}, step_rad{};
-    bool is_frozen = false;
+    std::array<double, 2> lied_at_rad{}, true_at_rad{};
+    bool has_begun = false;
+    const auto tells = [&](std::size_t i, double own_rad, double other_rad) {
+        if (!has_begun || (static_cast<int>(i) != liar && liar != kBoth)) return own_rad;
+        switch (carts.lie) {
+            case Lie::creeps:
+                return lied_at_rad[i] + 1e-3 * (own_rad - lied_at_rad[i]);
+            case Lie::backwards:
+                return 2 * lied_at_rad[i] - own_rad;
+            case Lie::exchanged:
+                return lied_at_rad[i] + other_rad - lied_at_rad[1 - i];
+            default:
+                return lied_at_rad[i];
+        }
+    };
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> noise(-2e-4, 2e-4);
     for (int k = 0; k < 60'000 && !probe.finished(); ++k) {
@@ -556,22 +578,31 @@ IdentCause probed(Carts& carts, int frozen, double from_Nm, int* pushed = nullpt
             speed_rad_per_s[i] = next * speed_rad_per_s[i] < 0 ? 0 : next;
             angle_rad[i] += 1e-3 * speed_rad_per_s[i];
             carts.fastest_m_per_s = std::max(carts.fastest_m_per_s, kRadius_m * std::abs(speed_rad_per_s[i]));
-            const bool lies = is_frozen && (static_cast<int>(i) == frozen || frozen == kBoth);
             auto& was = was_rad[i];
             was.push_back(angle_rad[i]);
             if (was.size() > carts.reported_late_cycles + 1) was.pop_front();
             if (k % carts.report_cycles == 0) {  // straight on from one report to the next, a report late
                 const double before_rad = std::exchange(reported_rad[i], was.front() + noise(random));
                 step_rad[i] = (reported_rad[i] - before_rad) / carts.report_cycles;
-                if (!lies) told_rad[i] = before_rad;
+                told_rad[i] = before_rad;
             }
-            if (!lies) told_rad[i] += step_rad[i];
+            told_rad[i] += step_rad[i];
+            if (has_begun) carts.lied_rad = std::max(carts.lied_rad, std::abs(angle_rad[i] - true_at_rad[i]));
         }
         const bool blind = carts.blind_each_cycles > 0 && k % carts.blind_each_cycles < 40;
-        const WheelPair<double> wanted = probe.step({{told_rad[0], told_rad[1]}, !blind, {}, {}, false, {}});
+        const WheelPair<double> tell{tells(0, told_rad[0], told_rad[1]), tells(1, told_rad[1], told_rad[0])};
+        const WheelPair<double> wanted = probe.step({tell, !blind, {}, {}, false, {}});
         torque_Nm = {wanted.left, wanted.right};
-        if (pushed != nullptr && is_frozen && wanted.left != 0) ++*pushed;
-        is_frozen = is_frozen || std::min(std::abs(torque_Nm[0]), std::abs(torque_Nm[1])) >= from_Nm;
+        if (pushed != nullptr && has_begun && wanted.left != 0) ++*pushed;
+        const bool begins = carts.from == From::push
+                                ? std::min(std::abs(wanted.left), std::abs(wanted.right)) >= from_Nm
+                            : carts.from == From::brake ? wanted.left < 0
+                                                        : wanted.left == 0 && wanted.right >= from_Nm;
+        if (begins && !has_begun) {
+            has_begun = true;
+            lied_at_rad = told_rad;
+            true_at_rad = angle_rad;
+        }
     }
     carts.angle_noise_rad = probe.findings().angle_noise_rad;
     return probe.findings().fault;
@@ -611,6 +642,46 @@ TEST(ProbeParts, wheels_that_both_stand_to_the_digit_in_a_push_are_not_pushed_on
     CHECK(probed(carts, kBoth, 0.6, &cycles) == IdentCause::left_wheel_does_not_turn);
     CHECK(cycles > 50);
     CHECK(cycles <= 102);
+}
+
+// Its encoder's step is known by the noise of the pushes before.
+TEST(ProbeParts, a_wheel_that_creeps_within_its_encoders_step_stands) {
+    Carts carts;
+    carts.lie = Lie::creeps;
+    CHECK(probed(carts, 0, 0.6) == IdentCause::left_wheel_does_not_turn);
+    CHECK(probed(carts, 1, 0.6) == IdentCause::right_wheel_does_not_turn);
+}
+
+// From rest a wheel goes the way that it is pushed, whatever the other one hands on.
+TEST(ProbeParts, a_wheel_that_goes_against_a_push_is_named) {
+    Carts carts;
+    carts.lie = Lie::backwards;
+    CHECK(probed(carts, 0, 0.6) == IdentCause::left_wheel_against_torque);
+    CHECK(probed(carts, 1, 0.6) == IdentCause::right_wheel_against_torque);
+    CHECK(carts.lied_rad < 0.1);
+}
+
+TEST(ProbeParts, a_wheel_that_is_pushed_alone_goes_further_than_the_other_one) {
+    Carts carts;
+    carts.lie = Lie::exchanged;
+    carts.from = From::right_ramp;
+    CHECK(probed(carts, kBoth, 0.1) == IdentCause::right_wheel_does_not_turn);
+    CHECK(carts.lied_rad < 0.1);
+}
+
+// A brake that follows an encoder which counts backwards drives the wheel on.
+TEST(ProbeParts, a_brake_that_makes_a_wheel_quicker_ends) {
+    Carts carts;
+    carts.rubs_Nm = {0.01, 0.01};
+    CHECK(probed(carts, -1, 5) == IdentCause::none);
+    carts.lie = Lie::backwards;
+    carts.from = From::brake;
+    int cycles = 0;
+    const IdentCause found = probed(carts, 0, 0, &cycles);
+    std::printf("%s, %d cycles of torque, at most %.3f m/s\n", protocol::to_string_view(found).data(), cycles,
+                carts.fastest_m_per_s);
+    CHECK(found == IdentCause::not_at_rest);
+    CHECK(cycles < 100);
 }
 
 // A wheel in the air that weighs a sixtieth of what its motor moves on the floor is far beyond all limits

@@ -366,11 +366,14 @@ TortureResult torture(const TortureKind& kind, const UntouchedDrive& untouched, 
         }
     };
     sim.run_for(lasts_s, watch);
-    // What is no lie yet may still become one, and then has its time too.
+    // What is no lie yet may still become one, and then has its time of torque too.
     if (kind.from == From::lie) {
-        sim.run_until([&] { return scene.told_s() || !supervisor.may_drive(); }, kLatestLie_s - lasts_s,
-                      watch);
-        if (scene.told_s()) sim.run_for(*scene.told_s() + 2 * kind.bound_s(scene) - scene.since_s(), watch);
+        sim.run_until(
+            [&] {
+                return !supervisor.may_drive() ||
+                       (scene.told_s() && judge.torque_since_told_s() > 2 * kind.bound_s(scene));
+            },
+            kLatestLie_s - lasts_s, watch);
     }
     const std::size_t watched = static_cast<std::size_t>(std::max(kLongest_s, scene.since_s()) / kCycle_s);
     const double untouched_rim_m_per_s =
