@@ -104,24 +104,6 @@ struct Denied {
     std::size_t effect = 0;
     std::string why;
 };
-// What a denied effect explains better in its place: it is named for that.
-std::optional<Denied> stands_for_a_denied_one(const Search& search,
-                                              const std::vector<std::size_t>& denied_before) {
-    for (const NamedEffect& e : search.effects) {
-        if (!search.may_be_denied(e.effect)) continue;
-        for (const std::vector<Rival>* rivals : {&e.rivals, &e.ruled_out}) {
-            for (const Rival& r : *rivals) {
-                if (r.keeps < 1 + kPolicy.share_of_gap ||
-                    std::find(denied_before.begin(), denied_before.end(), r.effect) == denied_before.end())
-                    continue;
-                return Denied{e.effect, std::string(model::kEffects[r.effect].name) +
-                                            " explains more in its place, and is not there"};
-            }
-        }
-    }
-    return std::nullopt;
-}
-
 // An effect of which nothing that the log tells is told from zero, with all that makes it unsure.
 std::optional<Denied> not_told_from_zero(const Search& search, const Setting& setting) {
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
@@ -140,8 +122,6 @@ std::optional<Denied> not_told_from_zero(const Search& search, const Setting& se
 
 std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const LogPart> training) {
     const Evaluation& last = evaluations.last();
-    if (const auto denied = stands_for_a_denied_one(last.search, evaluations.known().rivals_only))
-        return denied;
     const Setting& setting = last.dictionary.setting();
     const FreeRunsSay say =
         by_free_runs(last.search, pointers(last.train), training, setting, evaluations.turning());

@@ -159,7 +159,7 @@ TEST(GapFit, two_fits_part_where_a_column_acts_that_one_of_them_lacks) {
     }
 }
 
-// Named by the ranks of what it foretells beside what is left; by those of what is gained it is named less
+// Named by the signs of what it foretells beside what is left; by those of what is gained it is named less
 // often than the level says where it is not there, and where it is.
 TEST(GapFit, an_effect_agrees_with_what_is_left_where_it_is_there) {
     constexpr double kLevel = 0.05;
@@ -187,7 +187,7 @@ TEST(GapFit, an_effect_agrees_with_what_is_left_where_it_is_there) {
                 for (std::size_t i = 0; i < sample.size(); ++i)
                     values.push_back(bare.squares[i] - more.squares[i]);
             }
-            times += gap::signed_rank_probability(values) <= kLevel ? 1.0 : 0.0;
+            times += gap::signed_sum_probability(values) <= kLevel ? 1.0 : 0.0;
         }
         return times / kTries;
     };
@@ -196,7 +196,8 @@ TEST(GapFit, an_effect_agrees_with_what_is_left_where_it_is_there) {
     const double gained = named(0.15, true);
     std::printf("  named at 5 %%: %.3f of what is not there, %.2f of what is (by its gain: %.3f, %.2f)\n",
                 by_chance, there, named(0, true), gained);
-    CHECK(by_chance > 0.02 && by_chance < 0.08);
+    // a little more than the level: what foretells the blocks is fitted to nearly the same others
+    CHECK(by_chance > 0.02 && by_chance < 2 * kLevel);
     CHECK(there > gained + 0.1);
 }
 

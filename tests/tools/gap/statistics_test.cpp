@@ -57,6 +57,39 @@ TEST(GapStatistics, agree_with_the_tables) {
     DOUBLES_EQUAL(10.0 / 256, gap::signed_rank_probability({1, 2, 3, 4, -5, 6, 7, 8}), 1e-12);
 }
 
+// Of 2^n draws of the signs those with as large a sum are counted by hand: {5, 4, 1, -1}, {5, 4, 1, 1} and
+// {5, 4, -1, 1} of 16.
+TEST(GapStatistics, signs_drawn_anew_make_a_sum_as_large) {
+    DOUBLES_EQUAL(1.0 / 32, gap::signed_sum_probability({1, 2, 3, 4, 5}), 1e-12);
+    DOUBLES_EQUAL(3.0 / 16, gap::signed_sum_probability({5, 4, 1, -1}), 1e-12);
+    DOUBLES_EQUAL(1, gap::signed_sum_probability({}), 0);
+    DOUBLES_EQUAL(1, gap::signed_sum_probability({0, 0}), 0);
+}
+
+// Five pieces in which an effect acts are not outvoted by fifteen in which it does not; one alone is never
+// sure.
+TEST(GapStatistics, large_values_count_as_large) {
+    std::vector<double> values(15, 0.05);
+    for (std::size_t i = 0; i < values.size(); i += 2) values[i] = -0.1;
+    values.push_back(100);
+    CHECK(gap::signed_sum_probability(values) > 0.4);
+    values.insert(values.end(), {90, 110, 80, 120, 100, 95});
+    CHECK(gap::signed_sum_probability(values) < 0.01);
+    CHECK(gap::signed_rank_probability(values) > 0.01);
+}
+
+TEST(GapStatistics, what_is_not_there_is_sure_as_seldom_as_asked) {
+    std::mt19937 engine(7);
+    std::normal_distribution<double> normal;
+    int sure = 0;
+    for (int i = 0; i < kDraws; ++i) {
+        std::vector<double> values;
+        for (int b = 0; b < kBlocks; ++b) values.push_back(normal(engine) * std::exp(normal(engine)));
+        sure += gap::signed_sum_probability(values) <= 0.05 ? 1 : 0;
+    }
+    CHECK(sure > 0.04 * kDraws && sure < 0.06 * kDraws);
+}
+
 TEST(GapStatistics, what_is_predicted_and_comes_distinguishes) {
     CHECK(share_of_draws_distinguished(30, 1) > 0.95);
     // too little is foretold for noise to let it be seen

@@ -55,6 +55,13 @@ void add(const Block& block, Block& sum) {
     }
 }
 
+LeftOut left_out_of(const Sample& sample, std::vector<Fit> rest) {
+    LeftOut made{std::move(rest), {}};
+    for (std::size_t i = 0; i < sample.size(); ++i)
+        made.squares.push_back(squares(*sample.blocks[i], made.rest[i % kFolds]));
+    return made;
+}
+
 }  // namespace
 
 Fit fit_beside_friction(const Blocks& blocks, ModelShape shape, const std::vector<Amount>& frictions) {
@@ -93,12 +100,12 @@ double difference_variance(const Fit& f, Eigen::Index at) {
 }
 
 std::vector<double> agreement(const Sample& sample, const LeftOut& first, const LeftOut& second) {
-    std::vector<double> apart(sample.size());
-    for (std::size_t i = 0; i < apart.size(); ++i)
-        apart[i] = squares_apart(*sample.blocks[i], first.rest[i % kFolds], second.rest[i % kFolds]);
     std::vector<double> agrees;
-    for (const std::size_t i : parting(apart))
-        agrees.push_back((first.squares[i] - second.squares[i] + apart[i]) / 2);
+    for (std::size_t i = 0; i < sample.size(); ++i) {
+        const double apart =
+            squares_apart(*sample.blocks[i], first.rest[i % kFolds], second.rest[i % kFolds]);
+        agrees.push_back((first.squares[i] - second.squares[i] + apart) / 2);
+    }
     return agrees;
 }
 
@@ -225,12 +232,20 @@ Fit Evidence::fit_of_part(const Sample& part, const Members& members) const {
 }
 
 LeftOut Evidence::left_out(const Sample& sample, const Members& members) const {
-    LeftOut made;
     const ModelShape shape = shape_for_part(members);
-    for (const Block& rest : sample.rest) made.rest.push_back(gap::fit({&rest}, shape, Spread::none));
-    for (std::size_t i = 0; i < sample.size(); ++i)
-        made.squares.push_back(squares(*sample.blocks[i], made.rest[i % kFolds]));
-    return made;
+    std::vector<Fit> rest;
+    for (const Block& block : sample.rest) rest.push_back(gap::fit({&block}, shape, Spread::none));
+    return left_out_of(sample, std::move(rest));
+}
+
+LeftOut Evidence::left_out_with(const Sample& sample, const Members& members, std::size_t effect) const {
+    std::vector<Fit> rest;
+    for (const Block& block : sample.rest) {
+        const auto best = best_point(effect, members, Sample({&block}));
+        const Members more = best ? with(members, best->candidate) : members;
+        rest.push_back(gap::fit({&block}, shape_for_part(more), Spread::none));
+    }
+    return left_out_of(sample, std::move(rest));
 }
 
 double Evidence::cross_validated(const Sample& sample, const Members& members) const {

@@ -67,10 +67,10 @@ struct LeftOut {
     std::vector<double> squares;
 };
 
-// Of the blocks in which they foretell something different, how far what the second model foretells beside
-// the first agrees with what the first leaves there: the product of their rows. Of what is not there it is as
-// often less than nothing as more. The second errs less from twice as much on: that it foretells too much of
-// what is there, as few blocks may make it, would count against it.
+// By block, how far what the second model foretells beside the first agrees with what the first leaves there:
+// the product of their rows. Of what is not there it is as often less than nothing as more. The second errs
+// less from twice as much on: that it foretells too much of what is there, as few blocks may make it, would
+// count against it.
 std::vector<double> agreement(const Sample& sample, const LeftOut& first, const LeftOut& second);
 
 // A candidate of an effect, and what a fit with it leaves of the blocks that it was fitted to. Left out of
@@ -114,6 +114,9 @@ class Evidence {
     Fit fit_of_part(const Sample& part, const Members& members) const;
 
     LeftOut left_out(const Sample& sample, const Members& members) const;
+    // With an effect beside the members, of which each fit chooses the point anew: a block left out takes no
+    // part in that either. Where none is in range the fit is without it.
+    LeftOut left_out_with(const Sample& sample, const Members& members, std::size_t effect) const;
     // Squares of each block, left out of the fit; and their sum.
     std::vector<double> squares_left_out(const Sample& sample, const Members& members) const {
         return left_out(sample, members).squares;

@@ -20,8 +20,6 @@ class Searcher {
     Searcher(const BlockSet& train, const SearchOptions& options)
         : evidence_(train, options),
           all_(evidence_.all()),
-          confirm_(confirming(all_.blocks, true)),
-          select_(confirming(all_.blocks, false)),
           members_(evidence_.base()),
           base_members_(members_.size()) {}
 
@@ -58,15 +56,6 @@ class Searcher {
     }
 
   private:
-    // Every fourth block confirms what the others choose.
-    static Blocks confirming(const Blocks& blocks, bool yes) {
-        Blocks some;
-        for (std::size_t i = 0; i < blocks.size(); ++i) {
-            if ((i % 4 == 2) == yes) some.push_back(blocks[i]);
-        }
-        return some;
-    }
-
     Gaps gaps() const {
         double beyond = 0;
         if (result_.effects.empty() && evidence_.options().white_noise) {
@@ -91,27 +80,25 @@ class Searcher {
 
     struct Trial {
         Candidate candidate{};
-        double gain = 0;  // held-out, on the blocks that select
-        double probability = 1, rank_probability = 1;
-        std::size_t rank_blocks = 0;  // that the latter is from
+        double gain = 0;  // on blocks left out
+        double probability = 1, sign_probability = 1;
         bool confirmed = false, of_interest = false, in_range = false;
     };
 
-    // What a trial is held against: the model without it, on the blocks that select.
+    // What a trial is held against: the model without it.
     struct Without {
         Members members;
         LeftOut left_out;
-        Fit fit;
     };
     Without fitted_without(const Members& members) const {
-        return {members, evidence_.left_out(select_, members), evidence_.fit_of_part(select_, members)};
+        return {members, evidence_.left_out(all_, members)};
     }
 
     Trial attempt(std::size_t effect, const Without& bare) const {
         const auto [first, end] = evidence_.dictionary().linear_columns(effect);
         std::vector<Candidate> tried;
         if (first == end) {
-            const auto best = evidence_.best_point(effect, bare.members, select_);
+            const auto best = evidence_.best_point(effect, bare.members, all_);
             if (best) tried.push_back(best->candidate);
         } else {
             tried = evidence_.candidates(effect);
@@ -123,47 +110,41 @@ class Searcher {
             t.candidate = candidate;
             const Members more = with(bare.members, candidate);
             const std::size_t last = more.size() - 1;
-            const LeftOut left_out = evidence_.left_out(select_, more);
-            for (std::size_t i = 0; i < select_.size(); ++i)
+            const LeftOut left_out = first == end ? evidence_.left_out_with(all_, bare.members, effect)
+                                                  : evidence_.left_out(all_, more);
+            double residual = 0;
+            for (std::size_t i = 0; i < all_.size(); ++i) {
                 t.gain += bare.left_out.squares[i] - left_out.squares[i];
-            const std::vector<double> agrees = agreement(select_, bare.left_out, left_out);
-            t.rank_probability = signed_rank_probability(agrees);
-            t.rank_blocks = agrees.size();
-            const Fit selected = evidence_.fit_of_part(select_, more);
-            if (t.gain > 0) t.probability = evidence_.probability_of_last(select_, more);
-            t.in_range = evidence_.in_range(select_, more, selected);
-            t.of_interest =
-                evidence_.effect_torque_share(more, last, selected) >= least_share(more, candidate);
-            t.confirmed = confirmed(bare.fit, selected);
+                residual += left_out.squares[i];
+            }
+            const std::vector<double> agrees = agreement(all_, bare.left_out, left_out);
+            t.sign_probability = signed_sum_probability(agrees);
+            // twice the agreement is what it gains and what it predicts
+            const double predicted = 2 * std::accumulate(agrees.begin(), agrees.end(), 0.0) - t.gain;
+            // On blocks that took no part in choosing it, it gains what it predicts there, as far as noise
+            // lets it: of something that is not there they lose as much.
+            t.confirmed = t.gain > predicted / 3 - 2 * std::sqrt(residual / evidence_.rows() * predicted);
+            const Fit fitted = evidence_.fit_of_part(all_, more);
+            if (t.gain > 0) t.probability = evidence_.probability_of_last(all_, more);
+            t.in_range = evidence_.in_range(all_, more, fitted);
+            t.of_interest = evidence_.effect_torque_share(more, last, fitted) >= least_share(more, candidate);
             // one amount for both unless two are clearly apart
             if (tried.size() == 1 || best.gain == 0 ||
-                (t.gain > best.gain && apart(evidence_.fit(select_, more), first_amount_of(more, last)))) {
+                (t.gain > best.gain && apart(evidence_.fit(all_, more), first_amount_of(more, last)))) {
                 best = t;
             }
         }
         return best;
     }
 
-    // On blocks that took no part in choosing it, it gains what it predicts there, as far as they show:
-    // of something that is not there they lose as much.
-    bool confirmed(const Fit& without_it, const Fit& with_it) const {
-        if (confirm_.empty()) return true;
-        const double residual = squares(confirm_, with_it);
-        double predicted = 0;
-        for (const Block* b : confirm_) predicted += squares_apart(*b, without_it, with_it);
-        const double variance = residual / row_count(confirm_, with_it.shape);
-        return squares(confirm_, without_it) - residual > predicted / 3 - 2 * std::sqrt(variance * predicted);
-    }
-
-    // On the blocks that select, whatever the others say.
     bool sure(const Trial& t, std::size_t tested) const {
-        // by one test after Holm, and by the other at least alone; few blocks have few ranks
+        // by one test after Holm, and by the other at least alone; few blocks have few signs
         const bool first = members_.size() == base_members_;
         const double level = first ? kPolicy.first_false_alarm : kPolicy.false_alarm;
         const double strict = level / double(tested);
-        const double rank = std::max(level, std::pow(0.5, double(t.rank_blocks)) * 1.001);
-        const bool significant = (t.probability <= strict && t.rank_probability <= rank) ||
-                                 (t.probability <= level && t.rank_probability <= strict);
+        const double by_sign = std::max(level, std::pow(0.5, double(all_.size())) * 1.001);
+        const bool significant = (t.probability <= strict && t.sign_probability <= by_sign) ||
+                                 (t.probability <= level && t.sign_probability <= strict);
         return significant && t.in_range && t.of_interest && t.gain > 0 &&
                t.gain >= kPolicy.share_of_first_gap * closable_at_first_;
     }
@@ -173,8 +154,8 @@ class Searcher {
     }
 
     double closable() const {
-        const double now = evidence_.cross_validated(select_, members_);
-        return now - std::min(now, evidence_.reach(select_, members_));
+        const double now = evidence_.cross_validated(all_, members_);
+        return now - std::min(now, evidence_.reach(all_, members_));
     }
 
     void begin_with_what_is_shown() {
@@ -203,7 +184,7 @@ class Searcher {
                 const Trial t = attempt(members_[i].effect, fitted_without(without(members_, i)));
                 // whether it is there, whatever the folds say of how well it predicts
                 const double probability =
-                    evidence_.probability_of_last(select_, with(without(members_, i), members_[i]));
+                    evidence_.probability_of_last(all_, with(without(members_, i), members_[i]));
                 probability_[members_[i].effect] = probability;
                 const bool there = probability <= kPolicy.kept && t.in_range && t.of_interest;
                 sure = sure || (there && probability <= kPolicy.false_alarm);
@@ -264,7 +245,7 @@ class Searcher {
     // confirmed, as a block is not in which a load was put on at another time than those tried. It may
     // explain more between the points, which a closer evaluation will show.
     void note_leads(const std::vector<Trial>& trials, double missing) {
-        if (evidence_.torque_share(missing / row_count(select_.blocks, result_.base.shape)) < kPolicy.gap)
+        if (evidence_.torque_share(missing / row_count(all_.blocks, result_.base.shape)) < kPolicy.gap)
             return;
         for (const Trial& t : trials) {
             if (t.candidate.kind != Candidate::Kind::start ||
@@ -272,7 +253,7 @@ class Searcher {
                 continue;
             }
             const Members more = with(members_, t.candidate);
-            note(more, more.size() - 1, evidence_.fit(select_, more, Spread::none));
+            note(more, more.size() - 1, evidence_.fit(all_, more, Spread::none));
         }
     }
 
@@ -283,9 +264,9 @@ class Searcher {
             Members other = members_;
             other[i] = evidence_.candidates(members_[i].effect).back();
             if (other[i].amounts.size() != 2) continue;
-            const Fit f = evidence_.fit(select_, other);
+            const Fit f = evidence_.fit(all_, other);
             if (apart(f, first_amount_of(other, i)) &&
-                evidence_.cross_validated(select_, other) < evidence_.cross_validated(select_, members_)) {
+                evidence_.cross_validated(all_, other) < evidence_.cross_validated(all_, members_)) {
                 members_ = other;
             }
         }
@@ -399,11 +380,9 @@ class Searcher {
 
     Evidence evidence_;
     const Sample& all_;
-    const Blocks confirm_;
-    const Sample select_;
     Members members_;
     std::size_t base_members_ = 0;
-    double closable_at_first_ = 0;  // beside friction, on the blocks that select
+    double closable_at_first_ = 0;  // beside friction
     std::map<std::size_t, double> probability_;
     Search result_;
 };

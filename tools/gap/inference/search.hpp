@@ -62,7 +62,7 @@ struct Search {
     bool may_be_denied(std::size_t effect) const;
 };
 
-// `train` selects and confirms.
+// In `train`.
 Search search(const BlockSet& train, const SearchOptions& options);
 
 // K5..K8 that a fit does not know.

@@ -36,26 +36,43 @@ double interval_quantile(double blocks) {
     return kNormalQuantile + 2.4 / degrees + 3.0 / (degrees * degrees);
 }
 
-double signed_rank_probability(std::vector<double> values) {
-    std::sort(values.begin(), values.end(), [](double a, double b) { return std::abs(a) < std::abs(b); });
-    const std::size_t n = values.size();
-    if (n == 0) return 1;
-    double positive = 0;
-    for (std::size_t i = 0; i < n; ++i) {
-        if (values[i] > 0) positive += double(i + 1);
-    }
-    // exact distribution of the sum of ranks
-    const std::size_t most = n * (n + 1) / 2;
+namespace {
+
+// That signs drawn anew for these sizes make the sum of the positive ones as large, exact.
+double sign_probability(const std::vector<std::size_t>& sizes, std::size_t positive) {
+    const std::size_t most = std::accumulate(sizes.begin(), sizes.end(), std::size_t{0});
     std::vector<double> distribution(most + 1, 0.0);
     distribution[0] = 1;
-    for (std::size_t rank = 1; rank <= n; ++rank) {
-        for (std::size_t s = most; s >= rank; --s)
-            distribution[s] = (distribution[s] + distribution[s - rank]) / 2;
-        for (std::size_t s = 0; s < rank; ++s) distribution[s] /= 2;
+    for (const std::size_t size : sizes) {
+        for (std::size_t s = most + 1; s-- > 0;)
+            distribution[s] = (distribution[s] + (s >= size ? distribution[s - size] : 0.0)) / 2;
     }
-    double probability = 0;
-    for (auto s = static_cast<std::size_t>(positive); s <= most; ++s) probability += distribution[s];
-    return probability;
+    return std::accumulate(distribution.begin() + std::ptrdiff_t(positive), distribution.end(), 0.0);
+}
+
+}  // namespace
+
+double signed_rank_probability(std::vector<double> values) {
+    std::sort(values.begin(), values.end(), [](double a, double b) { return std::abs(a) < std::abs(b); });
+    std::vector<std::size_t> ranks(values.size());
+    std::iota(ranks.begin(), ranks.end(), std::size_t{1});
+    std::size_t positive = 0;
+    for (std::size_t i = 0; i < values.size(); ++i) positive += values[i] > 0 ? ranks[i] : 0;
+    return sign_probability(ranks, positive);
+}
+
+double signed_sum_probability(const std::vector<double>& values) {
+    constexpr double kCells = 1000;
+    double all = 0;
+    for (const double v : values) all += std::abs(v);
+    if (!(all > 0)) return 1;
+    std::vector<std::size_t> sizes;
+    std::size_t positive = 0;
+    for (const double v : values) {
+        sizes.push_back(static_cast<std::size_t>(std::lround(std::abs(v) / all * kCells)));
+        positive += v > 0 ? sizes.back() : 0;
+    }
+    return sign_probability(sizes, positive);
 }
 
 double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& covariance, double degrees) {

@@ -17,6 +17,11 @@ double interval_quantile(double blocks);
 // One-sided Wilcoxon signed-rank probability that the values are not above zero, exact.
 double signed_rank_probability(std::vector<double> values);
 
+// The same of their sum: of what is as often less than nothing as more, how often it is as large. Large
+// values count as large, so that a few that agree may be sure among many that tell nothing, and one alone
+// never is.
+double signed_sum_probability(const std::vector<double>& values);
+
 // Hotelling's test that all values are zero, with their covariance from so many blocks and degrees of
 // freedom.
 double wald_probability(const Eigen::VectorXd& value, const Eigen::MatrixXd& covariance, double degrees);
