@@ -255,7 +255,8 @@ TEST(EncoderLoop, a_speed_that_is_not_the_positions_own_undoes_nothing) {
         double from, gained;
         int reports;
     };
-    for (const Row& row : {Row{0, 0, 1}, {40, 0, 1}, {-40, 0, 2}, {0, 6, 1}, {0, -6, 3}, {30, 5, 2}}) {
+    for (const Row& row :
+         {Row{0, 0, 1}, {40, 0, 1}, {-40, 0, 2}, {0, 6, 1}, {0, -6, 3}, {30, 5, 2}, {0, 40, 2}}) {
         const double passed_s = row.reports * kCycle_s;
         const double speed = row.from + row.gained / 2;
         const double most_rad =
