@@ -53,8 +53,7 @@ inline constexpr double kMovesEnough = 1.5;
 constexpr bool doubts_encoders(IdentCause cause) {
     using enum protocol::IdentCause;
     return cause == left_wheel_does_not_turn || cause == right_wheel_does_not_turn ||
-           cause == left_wheel_against_torque || cause == right_wheel_against_torque || cause == no_room ||
-           cause == not_at_rest;
+           cause == left_wheel_against_torque || cause == right_wheel_against_torque || cause == no_room;
 }
 
 struct ProbeOptions {
@@ -406,11 +405,12 @@ class Probe {
         // it.
         const double fastest = std::max(std::abs(v.left), std::abs(v.right));
         const double by_noise = kSure * noise_m / (kSpeedSpan * options_.sample_time_s);
-        // But one that makes it quicker may be told the wrong way, which the next push shows.
+        // But not where it makes one wheel quicker, whose encoder may tell the wrong way: on a slope both
+        // are.
         if (fastest > slow + by_noise && stage_s() > kStill_s) {
             braked_[0].take(std::abs(v.left), slow / 4 + by_noise / 4);
             braked_[1].take(std::abs(v.right), slow / 4 + by_noise / 4);
-            if (!braked_[0].quicker && !braked_[1].quicker)
+            if (braked_[0].quicker == braked_[1].quicker)
                 torque_ = {-brake_Nm(found_.breakaway_Nm.left, v.left, slow),
                            -brake_Nm(found_.breakaway_Nm.right, v.right, slow)};
         }
@@ -421,8 +421,8 @@ class Probe {
                           found_.rest_noise_rad);
         if (still_cycles_ * options_.sample_time_s < kStill_s) {
             if (stage_s() < kLongestPause_s) return;
-            if ((braked_[0].quicker || braked_[1].quicker) && fastest > slow + by_noise)
-                return end(IdentCause::not_at_rest);
+            if (braked_[0].quicker != braked_[1].quicker && fastest > slow + by_noise)
+                return end(against_torque(braked_[1].quicker));
         }
         const Stage next = next_;
         if (next == Stage::forward) {

@@ -680,7 +680,7 @@ TEST(ProbeParts, a_brake_that_makes_a_wheel_quicker_ends) {
     const IdentCause found = probed(carts, 0, 0, &cycles);
     std::printf("%s, %d cycles of torque, at most %.3f m/s\n", protocol::to_string_view(found).data(), cycles,
                 carts.fastest_m_per_s);
-    CHECK(found == IdentCause::not_at_rest);
+    CHECK(found == IdentCause::left_wheel_against_torque);
     CHECK(cycles < 100);
 }
 

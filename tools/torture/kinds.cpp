@@ -216,7 +216,7 @@ constexpr std::string_view kStillNames =
     "encoder_implausible,over_speed,left_wheel_does_not_turn,right_wheel_does_not_turn";
 constexpr std::string_view kSignNames =
     "encoder_implausible,over_speed,stale_feedback,left_wheel_against_torque,right_wheel_against_torque,"
-    "one_sign_wrong,not_at_rest";
+    "one_sign_wrong";
 constexpr std::string_view kForeignNames = "foreign_control,drive_error,drive_left_armed_state";
 
 constexpr std::array kKinds{
