@@ -528,6 +528,7 @@ struct Carts {
     std::array<double, 2> mass_kg{12, 12}, rubs_Nm{0.4, 0.4};
     std::size_t reported_late_cycles = 0;
     int report_cycles = 1, blind_each_cycles = 0;  // and for forty of these
+    double slope_Nm = 0;                           // on each wheel, from that moment on
     Lie lie = Lie::stands;
     From from = From::push;
     double fastest_m_per_s = 0, angle_noise_rad = 0;
@@ -570,9 +571,9 @@ IdentCause probed(Carts& carts, int liar, double from_Nm, int* pushed = nullptr)
     for (int k = 0; k < 60'000 && !probe.finished(); ++k) {
         for (std::size_t i = 0; i < 2; ++i) {
             const double rubs_Nm = carts.rubs_Nm[i];
-            double pushed_Nm = torque_Nm[i] - std::copysign(rubs_Nm, speed_rad_per_s[i]);
-            if (speed_rad_per_s[i] == 0)
-                pushed_Nm = torque_Nm[i] - std::clamp(torque_Nm[i], -rubs_Nm, rubs_Nm);
+            const double acts_Nm = torque_Nm[i] + (has_begun ? carts.slope_Nm : 0);
+            double pushed_Nm = acts_Nm - std::copysign(rubs_Nm, speed_rad_per_s[i]);
+            if (speed_rad_per_s[i] == 0) pushed_Nm = acts_Nm - std::clamp(acts_Nm, -rubs_Nm, rubs_Nm);
             const double next =
                 speed_rad_per_s[i] + 1e-3 * pushed_Nm / (carts.mass_kg[i] * kRadius_m * kRadius_m);
             speed_rad_per_s[i] = next * speed_rad_per_s[i] < 0 ? 0 : next;
@@ -682,6 +683,19 @@ TEST(ProbeParts, a_brake_that_makes_a_wheel_quicker_ends) {
                 carts.fastest_m_per_s);
     CHECK(found == IdentCause::left_wheel_against_torque);
     CHECK(cycles < 100);
+}
+
+// Down a slope both wheels grow quicker in spite of it: that is no encoder's lie, and the brake helps.
+TEST(ProbeParts, a_brake_stays_where_both_wheels_grow_quicker) {
+    Carts carts;
+    carts.rubs_Nm = {0.01, 0.01};
+    carts.from = From::brake;
+    carts.slope_Nm = 0.6;
+    int cycles = 0;
+    const IdentCause found = probed(carts, -1, 0, &cycles);
+    std::printf("%s, %d cycles of torque, at most %.3f m/s\n", protocol::to_string_view(found).data(), cycles,
+                carts.fastest_m_per_s);
+    CHECK(cycles > 3000);
 }
 
 // A wheel in the air that weighs a sixtieth of what its motor moves on the floor is far beyond all limits

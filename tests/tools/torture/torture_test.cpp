@@ -39,6 +39,8 @@ constexpr Known kKnown[] = {
     {"lie_both_frozen", 601181, "late"},
     {"lie_frame_repeated", 151177, "late"},
     {"lie_half_counts", 611238, "quicker"},
+    {"lie_half_speed", 641186, "quicker"},
+    {"long_delay", 651235, "name"},
     {"origin_jump", 561136, "false trip"},
     {"swapped_nodes", 571112, "quicker"},
     // clang-format on

@@ -19,7 +19,7 @@ double signed_rank_probability(std::vector<double> values);
 
 // The same of their sum: of what is as often less than nothing as more, how often it is as large. Large
 // values count as large, so that a few that agree may be sure among many that tell nothing, and one alone
-// never is.
+// never is. Of values in thousandths of the sum of their sizes: a thousand operations a value.
 double signed_sum_probability(const std::vector<double>& values);
 
 // Hotelling's test that all values are zero, with their covariance from so many blocks and degrees of
