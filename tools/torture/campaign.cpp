@@ -56,6 +56,8 @@ TortureOutcome run_torture(const TortureCampaign& campaign,
     return outcome;
 }
 
+constexpr std::size_t kSeedsNamed = 20;  // of a kind and a rule, in the text
+
 std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
                                    const std::vector<TortureResult>& results) {
     std::vector<KindSummary> all;
@@ -65,6 +67,7 @@ std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
         struct Broken {
             std::map<std::string, std::size_t> modes;  // runs
             std::string first;
+            std::string others;  // seeds
             std::size_t runs = 0;
         };
         std::map<std::string, Broken> rules;
@@ -82,8 +85,11 @@ std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
                 const std::string rule = violation.substr(0, violation.find(':'));
                 if (rule == "false trip") ++sum.false_trips;
                 Broken& broken = rules[rule];
-                if (broken.runs++ == 0)
+                broken.runs++;
+                if (broken.first.empty())
                     broken.first = "seed " + std::to_string(r.seed) + " (" + r.setup + ") " + violation;
+                else if (broken.runs <= kSeedsNamed)
+                    broken.others += (broken.others.empty() ? ", then " : " ") + std::to_string(r.seed);
                 ++broken.modes[r.setup.substr(0, r.setup.find(','))];
             }
         }
@@ -92,7 +98,7 @@ std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
             for (const auto& [mode, runs] : broken.modes)
                 modes += (modes.empty() ? "" : ", ") + mode + " " + std::to_string(runs);
             sum.examples.push_back(std::to_string(broken.runs) + " runs (" + modes + "), first " +
-                                   broken.first);
+                                   broken.first + broken.others + (broken.runs > kSeedsNamed ? " ..." : ""));
         }
         all.push_back(std::move(sum));
     }

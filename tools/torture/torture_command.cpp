@@ -35,7 +35,7 @@ struct Options {
     std::uint64_t kill_saves = 0;
     double healthy_hours = 0;
     std::size_t jobs = 0;
-    std::string kind;
+    std::vector<std::string> kinds;
     std::string robots = "both";
     int report_ms = 1;
     std::string log;
@@ -122,8 +122,8 @@ int replay(const Options& options, const TortureKind& kind) {
         return kBadInput;
     }
     const TortureResult result = torture(kind, untouched, {options.log, options.black_box});
-    std::printf("%s, seed %llu: %s\n", options.kind.c_str(), static_cast<unsigned long long>(options.seed),
-                result.setup.c_str());
+    std::printf("%s, seed %llu: %s\n", std::string(kind.name).c_str(),
+                static_cast<unsigned long long>(options.seed), result.setup.c_str());
     for (const std::string& line : result.story) std::printf("%s\n", line.c_str());
     if (result.stopped)
         std::printf("zero torque after %.0f ms, fault %s\n", 1e3 * result.zero_s, result.fault.c_str());
@@ -337,17 +337,21 @@ int run_command(const Options& options) {
     if (options.healthy_hours > 0) return run_healthy(options);
     if (options.kill_saves > 0) return run_kill_saves(options);
     std::vector<const TortureKind*> kinds;
-    if (options.kind.empty()) {
+    for (const std::string& name : options.kinds) {
+        kinds.push_back(find_torture_kind(name));
+        if (kinds.back() != nullptr) continue;
+        std::fprintf(stderr, "wheelwright torture: no kind of fault is called %s; --list names them\n",
+                     name.c_str());
+        return kUsage;
+    }
+    if (options.seed > 0 && kinds.size() == 1) return replay(options, *kinds.front());
+    if (!options.log.empty() || !options.black_box.empty()) {
+        std::fprintf(stderr, "wheelwright torture: --log and --black-box are of one --kind, not of %zu\n",
+                     kinds.size());
+        return kUsage;
+    }
+    if (kinds.empty()) {
         for (const TortureKind& kind : torture_kinds()) kinds.push_back(&kind);
-    } else {
-        const TortureKind* kind = find_torture_kind(options.kind);
-        if (kind == nullptr) {
-            std::fprintf(stderr, "wheelwright torture: no kind of fault is called %s; --list names them\n",
-                         options.kind.c_str());
-            return kUsage;
-        }
-        if (options.seed > 0) return replay(options, *kind);
-        kinds.push_back(kind);
     }
     return run_campaign(options, std::move(kinds));
 }
@@ -370,9 +374,11 @@ void add_torture(const CommandLine& program, Run& run) {
         .check(from_to("1", "1000000000"))
         .show_default();
     const Option seed =
-        command.add_option("--seed", options->seed, "One seed again, or one robot; with --kind, in full")
+        command.add_option("--seed", options->seed, "One seed again, or one robot; with one --kind, in full")
             .check(from_to("1", "2000000000"));
-    const Option kind = command.add_option("--kind", options->kind, "Only this kind of fault");
+    const Option kind =
+        command.add_option("--kind", options->kinds, "Only these kinds of fault, with commas between")
+            .delimiter(',');
     command.add_flag("--list", options->list, "Print the kinds of fault and end");
     command.add_option("--robots", options->robots, "Whose robots")
         .check(one_of({"both", "default", "drawn"}))
