@@ -27,6 +27,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 
 #include "firmware/control/encoder_loop.hpp"
 #include "firmware/control/feedback_linearisation.hpp"
@@ -82,7 +83,10 @@ class WheelObserver {
     static constexpr int kNewOriginSamples = 4;      // that agree with each other are taken again
 
     void configure(const WheelObserverSettings<Real>& settings) {
+        constexpr Real kKick = Real(0.5);
         settings_ = settings;
+        most_kick_rad_per_s_ = kKick * settings.fastest_rad_per_s;
+        for (Wheel& wheel : wheels_) wheel.step = wheel.trusted > 0 ? settings.coarsest_step_rad : kAnywhere;
         gains_ = observer_gains(settings.bandwidth_rad_per_s, settings.encoder_period_s);
         period_ns_ = std::max<std::int64_t>(
             static_cast<std::int64_t>(std::lround(settings.encoder_period_s * Real(1e9))), 1);
@@ -188,6 +192,9 @@ class WheelObserver {
     }
 
   private:
+    static constexpr Real kAnywhere = std::numeric_limits<Real>::infinity();
+    static constexpr double kWay_rad = 2 * kCoarsestStep_rad;
+
     struct Sample {
         std::int64_t time_ns = 0;
         double position = 0;
@@ -211,10 +218,15 @@ class WheelObserver {
         Sample refused;  // the newest that was not
         Real refused_slope{};
         int refused_alike = 0;  // in a row
-        int trusted = 0;        // samples, up to kSampleMemory: the origin is the wheel's own
-        double origin = 0;      // added to what the drive says
+        // By which an angle may leap, from how far the samples were off where the wheel was expected, at
+        // most, on a way on which each encoder leaps.
+        Real step = kAnywhere;
+        Real most_off = 0;
+        double way_from = kAnywhere;
+        int trusted = 0;    // samples, up to kSampleMemory: the origin is the wheel's own
+        double origin = 0;  // added to what the drive says
         bool heard = false;
-        bool lost = false;        // begins anew with the next sample
+        bool lost = true;         // begins anew with the next sample
         bool began_anew = false;  // with the speed that this sample shows
         bool stuck = false;       // by dry friction, as predicted
         bool new_clock = false;
@@ -310,18 +322,29 @@ class WheelObserver {
     }
 
     // The farthest that a wheel can be from where it was expected after this time.
-    Real reach(Real dt) const { return settings_.fastest_rad_per_s * dt + settings_.coarsest_step_rad; }
+    Real reach(const Wheel& wheel, Real dt) const { return most_kick_rad_per_s_ * dt + wheel.step; }
 
     // Whether a sample is one of this wheel's angle. After some that agree with each other but not with what
     // was before, the origin moves so that the angle goes on.
     bool trust(Wheel& wheel, const EncoderSample& sample) {
         const Real dt = seconds(sample.time_ns - wheel.taken.time_ns);
         const Real off = Real(sample.position_rad - wheel.taken.position) - wheel.speed * dt;
-        if (wheel.refused_alike > 0 || (wheel.heard && !(std::abs(off) <= reach(dt))))
+        if (wheel.refused_alike > 0 || !(std::abs(off) <= reach(wheel, dt)))
             return trust_again(wheel, sample, dt, off);
-        wheel.trusted += wheel.trusted < int(kSampleMemory);
         wheel.taken = {sample.time_ns, sample.position_rad};
+        wheel.most_off = std::max(wheel.most_off, std::abs(off));
+        if (!(std::abs(sample.position_rad - wheel.way_from) < kWay_rad)) learn_step(wheel);
         return true;
+    }
+
+    [[gnu::noinline]] void learn_step(Wheel& wheel) const {
+        constexpr Real kOftener = 3;  // than on this way; and an encoder's lines are not all alike
+        const bool at_first = wheel.trusted < int(kSampleMemory);
+        wheel.trusted += at_first;
+        wheel.step = at_first ? settings_.coarsest_step_rad
+                              : std::min(kOftener * wheel.most_off, settings_.coarsest_step_rad);
+        wheel.most_off = 0;
+        if (!at_first) wheel.way_from = wheel.taken.position;
     }
 
     // What was refused as too far away is no nearer for having had more time since the last that was taken.
@@ -334,9 +357,9 @@ class WheelObserver {
         const Sample& before = wheel.samples[(wheel.newest + kSampleMemory - 1) % kSampleMemory];
         const Real off_before = Real(sample.position_rad + wheel.origin - before.position) -
                                 wheel.speed * seconds(sample.time_ns - before.time_ns);
-        const bool near_again = wheel.refused_alike > 0 && std::abs(off) <= reach(dt);
+        const bool near_again = wheel.refused_alike > 0 && std::abs(off) <= reach(wheel, dt);
         const bool last_was_wild =
-            wheel.refused_alike == 0 && wheel.count > 1 && std::abs(off_before) <= reach(since_taken);
+            wheel.refused_alike == 0 && wheel.count > 1 && std::abs(off_before) <= reach(wheel, since_taken);
         if (near_again || last_was_wild) {
             wheel.refused_alike = 0;
             wheel.taken = {sample.time_ns, sample.position_rad};
@@ -346,13 +369,13 @@ class WheelObserver {
         const bool first = wheel.refused_alike == 0;
         const bool second = wheel.refused_alike == 1;
         const bool alike =
-            second ? std::isfinite(slope) : std::abs(slope - wheel.refused_slope) * dt <= reach(dt);
+            second ? std::isfinite(slope) : std::abs(slope - wheel.refused_slope) * dt <= reach(wheel, dt);
         wheel.refused_alike = first || !alike ? 1 : wheel.refused_alike + 1;
         wheel.refused = {sample.time_ns, sample.position_rad};
         wheel.refused_slope = slope;
         if (wheel.refused_alike <= kAlike) return false;
         // A wheel that is faster than the filter thinks: begin anew with its speed.
-        if (!(std::abs(slope - wheel.speed) * dt <= reach(dt))) {
+        if (!(std::abs(slope - wheel.speed) * dt <= reach(wheel, dt))) {
             wheel.speed = slope;
             wheel.lost = wheel.began_anew = true;
         }
@@ -373,8 +396,7 @@ class WheelObserver {
             !trust(wheel, sample))
             return;
         const double position_rad = sample.position_rad + wheel.origin;
-        const bool restart =
-            !wheel.heard || wheel.lost || sample.time_ns - wheel.heard_ns > restart_after_ns_;
+        const bool restart = wheel.lost || sample.time_ns - wheel.heard_ns > restart_after_ns_;
         smooth_time(wheel, sample.time_ns, restart);
         wheel.newest = (wheel.newest + 1) % kSampleMemory;
         wheel.samples[wheel.newest] = {wheel.smoothed_ns, position_rad};
@@ -442,6 +464,7 @@ class WheelObserver {
     }
 
     WheelObserverSettings<Real> settings_;
+    Real most_kick_rad_per_s_{};
     ObserverGains<Real> gains_;
     std::int64_t period_ns_ = 1'000'000, strange_after_ns_ = 450'000, restart_after_ns_ = 0;
     std::size_t delay_cycles_ = 0;
