@@ -15,8 +15,9 @@
 // arrive irregularly (arbitration).
 //
 // A drive may tell nonsense for one frame, or count anew from another origin. A sample that lies further from
-// the one before than a wheel can have gone is not taken; four in a row that agree with each other are taken,
-// and the angle goes on from where it was. A state that is no number begins anew with the next sample.
+// the one before than a wheel can have gone, as far as the samples before have shown this encoder, is not
+// taken; four in a row that agree with each other are taken, and the angle goes on from where it was. A state
+// that is no number begins anew with the next sample.
 //
 // One thread; no allocation. update(): about 570 instructions.
 #pragma once
@@ -70,9 +71,8 @@ struct WheelObserverSettings {
     // A gap in the samples after which the filter starts anew; older ones are not taken: a filter that is
     // corrected for the same thing by each of many late samples goes astray.
     Real restart_after_s = Real(0.02);
-    Real fastest_rad_per_s{};  // of a wheel at the speeds that are faults
-    Real coarsest_step_rad =
-        Real(kCoarsestStep_rad);  // by which an angle may leap, for its encoder is coarse
+    Real fastest_rad_per_s{};                          // of a wheel at the speeds that are faults
+    Real coarsest_step_rad = Real(kCoarsestStep_rad);  // by which an angle may leap at most
 };
 
 template <typename Real>

@@ -305,35 +305,65 @@ TEST(WheelObserver, AFilterThatWentAstrayBeginsAtTheSampleNotAtItsOwnAngle) {
     }
 }
 
-// Any new origin but one that is nearer than a step of this encoder and what the fastest wheel turns in a
-// period: that one is read as a motion.
+// Any new origin but one that is nearer than a step of this encoder and half of what the fastest wheel turns
+// in a period: that one is read as a motion. What the file does not know of the encoder its samples show.
 TEST(WheelObserver, ADrivesNewOriginIsNoMotion) {
     auto parameters = bench::notes_robot();
     parameters.velocity_loop.angle_noise_rad = 1e-4;
-    const double nearest = fastest_wheel_rad_per_s(parameters) * 1e-3 + encoder_step_rad(parameters);
+    const double nearest = fastest_wheel_rad_per_s(parameters) * 0.5e-3 + encoder_step_rad(parameters);
     DOUBLES_EQUAL(2e-3, encoder_step_rad(parameters), 1e-15);
-    for (const double size : {1.1, 2.0, 2.9, 3.9, 5.0, 100.0}) {
-        for (const double way : {1.0, -1.0}) {
-            Rig<double> rig(parameters, matching(parameters), 9);
-            for (int k = 0; k < 300; ++k) rig.cycle(1, 1);
-            const double leap = way * size * nearest;
-            double worst = 0, turned = 0;
-            const double before = rig.robot.wheel_left;
-            for (int k = 0; k < 100; ++k) {
-                rig.observer.torque_sent({1, 1});
-                rig.robot.cycle(1, 1);
-                rig.observer.update(
-                    rig.robot.now_ns(),
-                    {rig.robot.left.position_rad + leap, rig.robot.speed_left(), rig.robot.left.time_ns},
-                    {rig.robot.right.position_rad, rig.robot.speed_right(), rig.robot.right.time_ns},
-                    rig.model);
-                turned += rig.observer.turned_rad().left;
-                worst = std::max(worst, std::abs(rig.observer.motion().wheel_speed_rad_per_s.left -
-                                                 rig.robot.speed_left()));
+    for (const double known_noise_rad : {1e-4, 0.0})
+        for (const double size : {1.1, 2.0, 2.9, 3.9, 5.0, 100.0}) {
+            for (const double way : {1.0, -1.0}) {
+                parameters.velocity_loop.angle_noise_rad = known_noise_rad;
+                Rig<double> rig(parameters, matching(parameters), 9);
+                for (int k = 0; k < 300; ++k) rig.cycle(1, 1);
+                CHECK(rig.robot.wheel_left > 6 * kCoarsestStep_rad);  // far enough to know it
+                const double leap = way * size * nearest;
+                double worst = 0, turned = 0;
+                const double before = rig.robot.wheel_left;
+                for (int k = 0; k < 100; ++k) {
+                    rig.observer.torque_sent({1, 1});
+                    rig.robot.cycle(1, 1);
+                    rig.observer.update(
+                        rig.robot.now_ns(),
+                        {rig.robot.left.position_rad + leap, rig.robot.speed_left(), rig.robot.left.time_ns},
+                        {rig.robot.right.position_rad, rig.robot.speed_right(), rig.robot.right.time_ns},
+                        rig.model);
+                    turned += rig.observer.turned_rad().left;
+                    worst = std::max(worst, std::abs(rig.observer.motion().wheel_speed_rad_per_s.left -
+                                                     rig.robot.speed_left()));
+                }
+                const std::string text = std::to_string(way * size);
+                CHECK_TEXT(worst < 0.3, (text + ": " + std::to_string(worst)).c_str());
+                DOUBLES_EQUAL_TEXT(rig.robot.wheel_left - before, turned, 0.02, text.c_str());
             }
-            const std::string text = std::to_string(way * size);
-            CHECK_TEXT(worst < 0.3, (text + ": " + std::to_string(worst)).c_str());
-            DOUBLES_EQUAL_TEXT(rig.robot.wheel_left - before, turned, 0.02, text.c_str());
         }
+}
+
+// Quick and slow, each step of it is a part of the way, whatever the way before has shown.
+TEST(WheelObserver, TheCoarsestEncodersStepsAreItsWay) {
+    auto parameters = bench::notes_robot();
+    for (const int period_ms : {1, 5, 10}) {
+        parameters.drive.encoder_period_ms = period_ms;
+        const PlantModel<double> model = plant_model<double>(parameters);
+        WheelObserver<double> observer;
+        observer.configure(wheel_observer_settings<double>(parameters, 1e-3));
+        // In step with the samples at first: not one of them leaps.
+        const double one_a_sample =
+            kCoarsestStep_rad / (1e-3 * period_ms) / fastest_wheel_rad_per_s(parameters);
+        double angle = 0, turned = 0;
+        EncoderSample sample;
+        for (std::int64_t ms = 1; ms < 8000; ++ms) {
+            const double of_fastest[] = {
+                std::min(one_a_sample, 1.0), 0.01, 0.9, 0.02, -0.005, -0.5, -0.01, 0.3};
+            angle += 1e-3 * of_fastest[ms / 1000] * fastest_wheel_rad_per_s(parameters);
+            if (ms % period_ms == 0)
+                sample = {kCoarsestStep_rad * std::floor(angle / kCoarsestStep_rad), 0, 1'000'000 * ms};
+            observer.torque_sent({0, 0});
+            observer.update(1'000'000 * ms, sample, sample, model);
+            turned += observer.turned_rad().left;
+        }
+        DOUBLES_EQUAL_TEXT(angle, turned, 2 * kCoarsestStep_rad, std::to_string(period_ms).c_str());
     }
 }
