@@ -45,7 +45,6 @@ struct StartingPoints {
 // What many of them have in common. The columns are of the point alone; its parameters stay, or the one
 // parameter grows with the amount.
 inline std::vector<Parameters<double>> alone(const Parameters<double>& at) { return {at}; }
-inline Parameters<double> as_it_is(const Parameters<double>& at, const Eigen::VectorXd&) { return at; }
 inline Parameters<double> scaled(const Parameters<double>& at, const Eigen::VectorXd& a) {
     return {at[0] * a(0)};
 }
