@@ -28,6 +28,7 @@ struct HypothesisOf<model::BackEmfLimit> : Defaults<model::BackEmfLimit> {
         for (const double stall : {0.45, 0.57}) {
             for (const double no_load : {1.25, 1.7, 2.3}) add(stall, no_load);
         }
+        look_beside(from, s);
         from.itself = [most = 4 * s.peak_speed_rad_per_s](const Parameters<double>& p) {
             return p[1] < most;
         };

@@ -22,6 +22,7 @@ struct HypothesisOf<model::Backlash> : Defaults<model::Backlash> {
                             {0.001, 0}};
         for (const double gap : {0.006, 0.0085, 0.012, 0.017, 0.024, 0.034, 0.048, 0.068, 0.096})
             from.points.push_back({gap, kMotorsShare * whole});
+        look_beside(from, s);
         return from;
     }
     // NOLINTEND(readability-magic-numbers)

@@ -19,6 +19,7 @@ struct HypothesisOf<model::TorqueSaturation> : Defaults<model::TorqueSaturation>
         StartingPoints from{{}, alone, limit, roughly_one, {0.01 * s.peak_torque_Nm}};
         for (const double share : {0.93, 0.85, 0.72, 0.55, 0.4})
             from.points.push_back({share * s.peak_torque_Nm});
+        look_beside(from, s);
         return from;
     }
     // NOLINTEND(readability-magic-numbers)
