@@ -29,7 +29,8 @@ bool may_slip(const Search& search, const Known& known);
 
 // By how the wheels accelerate, beside what was found: of the slip that the search found, or else of a
 // rolling tyre's. Below a tyre's limit slip makes the wheels lead, and beside a lag that is a lag of another
-// order: `surely` after Holm over the catalogue, with torque that comes late by any law beside it too.
+// order: `surely` after Holm over the catalogue, and again beside free shapes that are no slip, what comes
+// late by any law among them.
 struct SlipInRows {
     RollingSlip rolling{};
     bool surely = false;
