@@ -130,6 +130,9 @@ std::optional<Denied> denied_by(const Evaluations& evaluations, std::span<const 
     if (const auto effect = unsure_by_misfit(last.search, setting, last.train, last.colour,
                                              shapes_of_friction(last), say.unsure))
         return Denied{*effect, "how much of it there is depends on how the rows are weighed"};
+    if (found_slip(last.search) &&
+        !slip_in_rows(last.search, residual_options(evaluations, training, evaluations.known())).surely)
+        return Denied{kSlip, "beside what comes late by another law, and other free shapes, it is not sure"};
     return std::nullopt;
 }
 
@@ -289,10 +292,8 @@ Findings analyse(const Request& request) {
     const Residual residual = residual_of(found, options);
     findings.where = residual.where;
     std::optional<SlipFound> slip;
-    if (turning && may_slip(found, known)) {
-        const std::optional<RollingSlip> by_gyro = slip_by_gyro(logs.logs, request.geometry);
-        if (by_gyro) slip = slip_of(*by_gyro, slip_in_rows(found, options), setting);
-    }
+    if (turning && may_slip(found, known))
+        slip = slip_of(slip_by_gyro(logs.logs, request.geometry), slip_in_rows(found, options), setting);
     const Search& search = findings.search;
     std::vector<std::size_t> known_effects = known.excluded;
     for (const auto& given : known.given) known_effects.push_back(given.first);
@@ -302,9 +303,8 @@ Findings analyse(const Request& request) {
     if (slip) {
         effects.push_back(named_slip(*slip, setting));
         findings.notes.emplace_back(
-            "wheel_slip is by the gyro: it grows with the speed, as that of the robot file does not, and so "
-            "is not "
-            "written there");
+            "wheel_slip is a rolling tyre's: it grows with the speed, "
+            "as the robot file's does not, and is not written there");
     }
     const BesideSensors beside = beside_sensors(std::move(effects), sensors, known, request.without, track_m);
     findings.effects = beside.effects;

@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <functional>
 #include <vector>
@@ -45,9 +46,24 @@ struct StartingPoints {
 // What many of them have in common. The columns are of the point alone; its parameters stay, or the one
 // parameter grows with the amount.
 inline std::vector<Parameters<double>> alone(const Parameters<double>& at) { return {at}; }
-inline Parameters<double> as_it_is(const Parameters<double>& at, const Eigen::VectorXd&) { return at; }
 inline Parameters<double> scaled(const Parameters<double>& at, const Eigen::VectorXd& a) {
     return {at[0] * a(0)};
+}
+// Foci beside what was found, that itself last: with amounts about one, closer to it from one evaluation to
+// the next. For what has a corner, from which no slope leads to another.
+inline void look_beside(StartingPoints& from, const Setting& s) {
+    constexpr double kCloserBy = 4, kNear = 0.01;
+    if (s.refinements == 0) return;
+    const double spread = std::pow(kCloserBy, -s.refinements);
+    from.closer = [spread, parameters = from.parameters](const Parameters<double>& at) {
+        std::vector<Parameters<double>> points;
+        if (spread > kNear) {
+            for (const double amount : {1 - spread, 1 + spread})
+                points.push_back(parameters(at, Eigen::VectorXd::Constant(1, amount)));
+        }
+        points.push_back(at);
+        return points;
+    };
 }
 // Amounts that are still this point's, and not another's.
 inline bool any_size(const Eigen::VectorXd&) { return true; }

@@ -5,13 +5,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <initializer_list>
 #include <limits>
+#include <string_view>
+#include <utility>
 
 #include "tools/gap/hypotheses/wheel_slip.hpp"
 #include "tools/gap/inference/estimates.hpp"
+#include "tools/gap/inference/policy.hpp"
 #include "tools/gap/inference/statistics.hpp"
 #include "tools/gap/model/columns.hpp"
 #include "tools/gap/model/fit.hpp"
+#include "tools/gap/model/members.hpp"
 #include "tools/gap/model/rows.hpp"
 
 namespace wheelwright::gap {
@@ -128,50 +133,82 @@ std::optional<RollingSlip> slip_by_gyro(const std::vector<MeasuredLog>& logs,
     return best;
 }
 
-bool may_slip(const Search& search, const Known& known) {
-    return std::find(known.excluded.begin(), known.excluded.end(), kSlip) == known.excluded.end() &&
-           std::none_of(search.members.begin(), search.members.end(),
-                        [](const Candidate& candidate) { return candidate.effect == kSlip; });
+bool found_slip(const Search& search) {
+    return std::any_of(search.members.begin() + std::ptrdiff_t(search.base_members), search.members.end(),
+                       [](const Candidate& candidate) { return candidate.effect == kSlip; });
 }
 
-RollingSlip slip_in_rows(const Search& search, const ResidualOptions& options) {
+bool may_slip(const Search& search, const Known& known) {
+    return !contains(search.members, kSlip) &&
+           std::find(known.excluded.begin(), known.excluded.end(), kSlip) == known.excluded.end();
+}
+
+SlipInRows slip_in_rows(const Search& search, const ResidualOptions& options) {
+    constexpr double kSure = kPolicy.false_alarm / double(model::kEffectCount);
+    const bool rolls = !contains(search.members, kSlip);
     Points points = options.known.given;
     for (const Candidate& candidate : search.members) {
         if (candidate.kind != Candidate::Kind::linear && search.points.contains(candidate.effect))
             points[candidate.effect] = search.points.at(candidate.effect);
     }
-    points[kSlip] = {1, 0.1, 0, 1};
-    const Dictionary dictionary(options.setting, points, false);
+    if (rolls) points[kSlip] = {1, 0.1, 0, 1};
+    const Dictionary dictionary(options.setting, points, false, true);
     BlockOptions block_options = options.blocks;
     block_options.dictionary = &dictionary;
     block_options.kept = nullptr;
     const WeighedBlocks weighed = weighed_blocks(options.training, block_options, options.known.excluded);
-    Members members;
-    for (const Candidate& member : search.members) members.push_back(same_candidate(dictionary, member));
-    ModelShape shape = shape_of(members, options.turning);
-    // in proportion to the slip speed
-    shape.amounts.push_back(dictionary.candidates(kSlip).back().amounts.front());
-    const Fit f = fit(pointers(weighed.set), shape);
-    const Eigen::Index last = f.value.size() - 1;
+    const Blocks blocks = pointers(weighed.set);
+    Members others;
+    Candidate slip = dictionary.candidates(kSlip).back();
+    for (const Candidate& member : search.members) {
+        (member.effect == kSlip ? slip : others.emplace_back()) = same_candidate(dictionary, member);
+    }
+    // the first amount is in proportion to the slip speed, or the effect as a whole
+    const Amount amount = rolls ? slip.amounts.front() : directions(slip).front();
+    ModelShape shape = shape_of(others, options.turning);
+    shape.amounts.push_back(amount);
+    const Eigen::Index at = kFirstAmount + static_cast<Eigen::Index>(shape.amounts.size()) - 1;
+    const auto sure = [&](const Fit& f) {
+        const double degrees = std::max(1.0, double(blocks.size()) - 5);
+        return f.value(at) > 0 && t_probability(f.value(at) / f.error(at), degrees) <= 2 * kSure;
+    };
+    const Fit usual = fit(blocks, shape);
+    // what stands for no effect and is no slip either; what comes late has columns among the places
+    const auto add = [&](std::pair<int, int> of, std::initializer_list<std::string_view> but) {
+        for (auto [c, end] = of; c < end; ++c) {
+            const std::string_view place = dictionary.columns()[std::size_t(c)].place;
+            if (std::find(but.begin(), but.end(), place) == but.end()) shape.amounts.push_back({{c}});
+        }
+    };
+    add(dictionary.rich_columns(), {"lag", "torque times speed"});
+    add(dictionary.place_columns(), {"torque times speed", "wheel angle", "time"});
+    const int column = amount.columns.front();
     const double per = slip_speed_per(options.setting);
-    return {f.value(last) / per, f.error(last) / per};
+    return {{usual.value(at) / per, usual.error(at) / per},
+            sure(usual) && sure(fit(blocks, shape)),
+            usual.value(at) * std::sqrt(weighed.set.wheel_power(column, column)) / weighed.set.torque_rms_Nm};
 }
 
-std::optional<SlipFound> slip_of(const RollingSlip& gyro, const RollingSlip& rows, const Setting& setting) {
+std::optional<SlipFound> slip_of(const std::optional<RollingSlip>& gyro, const SlipInRows& rows,
+                                 const Setting& setting) {
     constexpr double kAlso = 2.576;  // one in a hundred
     constexpr double kAlone = 8;     // twice what is enough beside the rows: lags that are no two of a kind
                                      // make six of what is none
     constexpr double kLaws = 0.7;    // as unsure as a tyre's law
     const double per = slip_speed_per(setting);
-    const double apart = std::hypot(gyro.error, rows.error);
-    const bool same = std::abs(gyro.value - rows.value) < kLaws * std::max(gyro.value, rows.value);
-    if (same && rows.value > kAlso * rows.error) {
-        const double gyros_weight = std::pow(rows.error / apart, 2);
-        const double mean = gyros_weight * gyro.value + (1 - gyros_weight) * rows.value;
-        return SlipFound{{1, per * mean, 0, 1}, per * gyro.error * rows.error / apart};
+    const auto found = [per](double value, double error) {
+        return SlipFound{{1, per * value, 0, 1}, per * error};
+    };
+    const auto& [value, error] = rows.rolling;
+    if (gyro && std::abs(gyro->value - value) < kLaws * std::max(gyro->value, value) &&
+        value > kAlso * error) {
+        const double apart = std::hypot(gyro->error, error);
+        const double gyros_weight = std::pow(error / apart, 2);
+        return found(gyros_weight * gyro->value + (1 - gyros_weight) * value, gyro->error * error / apart);
     }
-    if (gyro.value > kAlone * gyro.error && rows.value > -kAlso * rows.error)
-        return SlipFound{{1, per * gyro.value, 0, 1}, per * gyro.error};
+    if (gyro && gyro->value > kAlone * gyro->error && value > -kAlso * error)
+        return found(gyro->value, gyro->error);
+    if (rows.surely && rows.torque_share >= kPolicy.effect) return found(value, error);
     return std::nullopt;
 }
 

@@ -89,7 +89,7 @@ Conclusion conclude(const Conclusion& search, const SensorGrounds& sensors) {
     if (search.verdict != Verdict::nothing_missing) return search;
     if (sensors.slip) {
         return {Verdict::named,
-                "the wheels turn the robot by more than the gyro sees, in proportion to force and speed"};
+                "the wheels turn by more than the robot moves, in proportion to force and speed"};
     }
     if (sensors.effects) return {Verdict::named, "what a sensor reports shows it directly"};
     return search;

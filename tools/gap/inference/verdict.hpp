@@ -43,7 +43,7 @@ Conclusion conclude(const Conclusion& search, bool named, const Remainder& remai
 
 // What no search has to find.
 struct SensorGrounds {
-    bool slip = false;     // by the gyro
+    bool slip = false;     // of a rolling tyre
     bool effects = false;  // that a sensor shows directly
     // that a sensor shows and that are known not to be there: what shows instead, the last one first
     std::vector<std::string> denied;
