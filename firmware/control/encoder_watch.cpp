@@ -24,6 +24,7 @@ constexpr int kAveraged = 64;             // spans
 constexpr Real kGainOfPush = Real(0.25);  // of what the torques alone would give
 constexpr int kAgainstPushCycles = 40;
 constexpr Real kLeaptAlone = Real(0.05);  // of a leap, is the other wheel's
+constexpr int kLeapSpans = 5;             // it takes at most
 constexpr int kSettled = 4;               // spans: the observer has followed the leap
 constexpr Real kLeastShare = Real(0.2);   // encoders lose each other count, or three of four
 constexpr Real kScaleDoubt = Real(0.5);
@@ -315,7 +316,9 @@ bool EncoderWatch::scaled(const WheelPair<Real>& expected) {
             leapt_ = {};
             return false;
         }
-        if (++leapt_.scaled_spans >= int(kInstants)) return true;
+        // one that is nearly as foretold counts twice
+        leapt_.scaled_spans += std::abs(off) <= kScaleDoubt / 2 * apart ? 2 : 1;
+        if (leapt_.scaled_spans >= int(kInstants)) return true;
     }
     const bool a_part = share >= kLeastShare && share <= 1 - kLeastShare;
     if (!a_part || leapt_.spans >= kMostSpansAfterLeap) leapt_ = {};
@@ -326,13 +329,13 @@ bool EncoderWatch::scaled(const WheelPair<Real>& expected) {
 void EncoderWatch::leap() {
     if (instants_known_ < int(kInstants)) return;
     const Instant& now = instants_[newest_];
-    const Instant& from = instants_[(newest_ + 1) % kInstants];
+    const Instant& from = instants_[(newest_ - kLeapSpans) % kInstants];
     const auto should = [&](Real WheelPair<Real>::*wheel) {
         return from.speed_rad_per_s.*wheel + (now.expected_rad_per_s.*wheel - from.expected_rad_per_s.*wheel);
     };
     const Real left = std::abs(now.speed_rad_per_s.left - should(&WheelPair<Real>::left));
     const Real right = std::abs(now.speed_rad_per_s.right - should(&WheelPair<Real>::right));
-    const bool by_much = std::max(left, right) > Real(kInstants) * full_rad_per_s_;
+    const bool by_much = std::max(left, right) > Real(kLeapSpans) * full_rad_per_s_;
     if (!by_much || std::min(left, right) > kLeaptAlone * std::max(left, right)) return;
     leapt_.right = right > left;
     leapt_.should_rad_per_s = should(leapt_.right ? &WheelPair<Real>::right : &WheelPair<Real>::left);

@@ -41,7 +41,7 @@ constexpr Known kKnown[] = {
     {"lie_half_counts", 611238, "quicker"},
     {"lie_half_speed", 641186, "quicker"},
     {"long_delay", 651235, "name"},
-    {"origin_jump", 561136, "false trip"},
+    {"origin_jump", 561189, "false trip"},
     {"swapped_nodes", 571112, "quicker"},
     // clang-format on
 };
