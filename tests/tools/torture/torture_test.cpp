@@ -42,7 +42,6 @@ constexpr Known kKnown[] = {
     {"lie_half_speed", 641186, "quicker"},
     {"long_delay", 651235, "name"},
     {"origin_jump", 561189, "false trip"},
-    {"swapped_nodes", 571112, "quicker"},
     // clang-format on
 };
 
