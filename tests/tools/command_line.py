@@ -75,6 +75,7 @@ class Status(unittest.TestCase):
         for arguments in ((), ("nonsense",), ("check",), ("check", "--nonsense"), ("ctl",), ("ctl", "mode"),
                           ("ctl", "velocity", "1"), ("ctl", "velocity", "1", "x"), ("ctl", "mode", "warp"),
                           ("ctl", "mode", "fault"), ("ctl", "goal", "0", "0", "0", "--direction", "up"),
+                          ("torture", "--kind", "lie_sign,nonsense"), ("torture", "--kind", "stall,reorder", "--seed", "1", "--log", "a.log"),
                           ("ctl", "velocity", "50", "0", "--print"), ("ctl", "torque", "nan", "0", "--print"),
                           ("ctl", "param", "get", "geometry.nothing"), ("ctl", "--alive", "15", "stop", "--print"),
                           ("ctl", "param", "set", "geometry.track_m", "0.3"),

@@ -129,6 +129,25 @@ TEST(Torture, a_seed_gives_the_same_bytes_again) {
     }
 }
 
+// Each run that breaks a rule can be replayed by its seed.
+TEST(Torture, a_campaign_names_the_seeds_that_break_a_rule) {
+    const TortureKind& kind = torture_kinds().front();
+    std::vector<TortureResult> results(30);
+    for (std::size_t i = 0; i < results.size(); ++i) {
+        results[i].kind = kind.name;
+        results[i].seed = 101 + i;
+        results[i].setup = "pose, one bus";
+        if (i % 2 == 1) results[i].violations = {"late: by 2 ms"};
+    }
+    const KindSummary few = summaries({&kind}, {results.begin(), results.begin() + 7}).front();
+    CHECK_EQUAL(3U, few.violated);
+    STRCMP_EQUAL("3 runs (pose 3), first seed 102 (pose, one bus) late: by 2 ms, then 104 106",
+                 few.examples.front().c_str());
+    for (TortureResult& result : results) result.violations = {"late: by 2 ms"};
+    const std::string many = summaries({&kind}, results).front().examples.front();
+    STRCMP_CONTAINS(" 120 ...", many.c_str());
+}
+
 TEST(Torture, there_are_forty_kinds_and_no_two_of_one_name) {
     CHECK(torture_kinds().size() >= 40);
     for (const TortureKind& kind : torture_kinds()) {
