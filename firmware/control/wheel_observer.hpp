@@ -83,6 +83,7 @@ class WheelObserver {
     static constexpr int kNewOriginSamples = 4;      // that agree with each other are taken again
 
     void configure(const WheelObserverSettings<Real>& settings) {
+        // of the fastest speed: a bump, or a wall, changes a wheel's by no more
         constexpr Real kKick = Real(0.5);
         settings_ = settings;
         most_kick_rad_per_s_ = kKick * settings.fastest_rad_per_s;
@@ -217,14 +218,12 @@ class WheelObserver {
         Sample taken;    // the newest that was, with the drive's origin
         Sample refused;  // the newest that was not
         Real refused_slope{};
-        int refused_alike = 0;  // in a row
-        // By which an angle may leap, from how far the samples were off where the wheel was expected, at
-        // most, on a way on which each encoder leaps.
-        Real step = kAnywhere;
-        Real most_off = 0;
-        double way_from = kAnywhere;
-        int trusted = 0;    // samples, up to kSampleMemory: the origin is the wheel's own
-        double origin = 0;  // added to what the drive says
+        int refused_alike = 0;        // in a row
+        Real step = kAnywhere;        // by which an angle may leap
+        Real most_off = 0;            // a sample from where the wheel was expected, since
+        double way_from = kAnywhere;  // this position
+        int trusted = 0;              // samples, up to kSampleMemory: the origin is the wheel's own
+        double origin = 0;            // added to what the drive says
         bool heard = false;
         bool lost = true;         // begins anew with the next sample
         bool began_anew = false;  // with the speed that this sample shows
@@ -337,12 +336,14 @@ class WheelObserver {
         return true;
     }
 
+    // At the end of a way on which even the coarsest encoder has leapt. The first samples say nothing: the
+    // filter has only begun.
     [[gnu::noinline]] void learn_step(Wheel& wheel) const {
-        constexpr Real kOftener = 3;  // than on this way; and an encoder's lines are not all alike
+        constexpr Real kTimes = 3;  // a way is not all ways, and an encoder's lines are not all alike
         const bool at_first = wheel.trusted < int(kSampleMemory);
         wheel.trusted += at_first;
         wheel.step = at_first ? settings_.coarsest_step_rad
-                              : std::min(kOftener * wheel.most_off, settings_.coarsest_step_rad);
+                              : std::min(kTimes * wheel.most_off, settings_.coarsest_step_rad);
         wheel.most_off = 0;
         if (!at_first) wheel.way_from = wheel.taken.position;
     }
