@@ -60,7 +60,11 @@ TEST(ChainModes, each_fault_takes_the_torque_away_within_two_cycles_of_its_detec
          [](Simulation& s) { s.world().left().faults().mute = false; }},
         {"over speed", Fault::over_speed, 0.5,
          [](Simulation& s) {
-             s.world().plant().place(s.world().pose(), {3.6, 0});
+             // as fast as anything pushes a robot
+             for (double v_m_per_s = 0.6; v_m_per_s < 3.6; v_m_per_s += 0.1) {
+                 s.world().plant().place(s.world().pose(), {v_m_per_s, 0});
+                 s.run_for(1e-3);
+             }
          },
          nothing},
         {"bus down", Fault::bus_down, 0.004, [](Simulation& s) { s.bus().set_down(0, true); },
