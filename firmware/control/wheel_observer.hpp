@@ -83,7 +83,7 @@ class WheelObserver {
     static constexpr int kNewOriginSamples = 4;      // that agree with each other are taken again
 
     void configure(const WheelObserverSettings<Real>& settings) {
-        // of the fastest speed: a bump, or a wall, changes a wheel's by no more
+        // of the fastest speed: by more a wheel's is not taken to change from one sample to the next
         constexpr Real kKick = Real(0.5);
         settings_ = settings;
         most_kick_rad_per_s_ = kKick * settings.fastest_rad_per_s;

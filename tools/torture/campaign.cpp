@@ -56,10 +56,9 @@ TortureOutcome run_torture(const TortureCampaign& campaign,
     return outcome;
 }
 
-constexpr std::size_t kSeedsNamed = 20;  // of a kind and a rule, in the text
-
 std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
                                    const std::vector<TortureResult>& results) {
+    constexpr std::size_t kSeedsNamed = 20;  // of a kind and a rule
     std::vector<KindSummary> all;
     for (const TortureKind* kind : kinds) {
         KindSummary sum;

@@ -36,7 +36,7 @@ struct KindSummary {
     std::size_t runs = 0, stopped = 0, false_trips = 0, violated = 0;
     double longest_zero_s = 0;
     double largest_deviation_m = 0;     // of those that went on
-    std::vector<std::string> examples;  // of each rule: runs by mode, the first of them, and their seeds
+    std::vector<std::string> examples;  // of each rule: runs by mode, the first of them, up to 20 seeds
 };
 std::vector<KindSummary> summaries(const std::vector<const TortureKind*>& kinds,
                                    const std::vector<TortureResult>& results);

@@ -99,18 +99,10 @@ struct HypothesisOf<model::CastorDrag> : Defaults<model::CastorDrag> {
             for (const double trail : {0.02, 0.03, 0.042})
                 from.points.push_back({0, 0, arm * s.geometry.track_m, trail});
         }
-        // the trail has minima beside the right one
-        if (s.refinements > 0) {
-            const double spread = std::pow(4.0, -s.refinements);
-            from.closer = [=](const Parameters<double>& at) {
-                std::vector<Parameters<double>> points{at};
-                if (spread > 0.01) {
-                    for (const double factor : {1 - spread, 1 + spread})
-                        points.insert(points.begin(), {at[0], at[1], at[2], factor * at[3]});
-                }
-                return points;
-            };
-        }
+        // of the trail
+        look_beside(from, s, [](const Parameters<double>& at, double amount) {
+            return Parameters<double>{at[0], at[1], at[2], amount * at[3]};
+        });
         return from;
     }
     // NOLINTEND(readability-magic-numbers)

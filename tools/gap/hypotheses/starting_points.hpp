@@ -49,21 +49,27 @@ inline std::vector<Parameters<double>> alone(const Parameters<double>& at) { ret
 inline Parameters<double> scaled(const Parameters<double>& at, const Eigen::VectorXd& a) {
     return {at[0] * a(0)};
 }
-// Foci beside what was found, that itself last: with amounts about one, closer to it from one evaluation to
-// the next. For what has a corner, from which no slope leads to another.
-inline void look_beside(StartingPoints& from, const Setting& s) {
+// Foci beside what was found, that itself last: `beside(at, amount)` with amounts about one, closer to it
+// from one evaluation to the next. For what has a corner, or minima beside the right one: no slope leads
+// over.
+template <typename Beside>
+void look_beside(StartingPoints& from, const Setting& s, Beside beside) {
     constexpr double kCloserBy = 4, kNear = 0.01;
     if (s.refinements == 0) return;
     const double spread = std::pow(kCloserBy, -s.refinements);
-    from.closer = [spread, parameters = from.parameters](const Parameters<double>& at) {
+    from.closer = [spread, beside](const Parameters<double>& at) {
         std::vector<Parameters<double>> points;
         if (spread > kNear) {
-            for (const double amount : {1 - spread, 1 + spread})
-                points.push_back(parameters(at, Eigen::VectorXd::Constant(1, amount)));
+            for (const double amount : {1 - spread, 1 + spread}) points.push_back(beside(at, amount));
         }
         points.push_back(at);
         return points;
     };
+}
+inline void look_beside(StartingPoints& from, const Setting& s) {
+    look_beside(from, s, [parameters = from.parameters](const Parameters<double>& at, double amount) {
+        return parameters(at, Eigen::VectorXd::Constant(1, amount));
+    });
 }
 // Amounts that are still this point's, and not another's.
 inline bool any_size(const Eigen::VectorXd&) { return true; }
