@@ -39,7 +39,7 @@ struct PlantParameters {
     double centrifugal_kg_m = 0;    // c: mass times distance of the centre of gravity ahead of the axle
     double coriolis_kg_m = 0;       // d: minus the same in physical robots
     model::EffectSet<double> effects;
-    double wheel_inertia_kg_m2 = 0;     // one wheel's, part of M; where tyres slip. 0: kRotationShare tells
+    double wheel_inertia_kg_m2 = 0;     // one wheel's, part of M; 0: kRotationShare tells
     double span_s = 60;                 // over which a linear gain drift takes its whole loss
     double start_s = 0;                 // since the beginning of the run, for effects that know the time
     WheelPair<double> start_angle_rad;  // of the wheels
@@ -182,7 +182,6 @@ class Plant {
     double payload_s_ = -1;  // when it comes; negative: none
     bool loaded_ = false;
     Matrix from_body_;  // body acceleration per force without the wheels' inertia; used where tyres slip
-    double slip_inertia_kg_m2_ = 0;
     double slip_load_N_ = 0;
     std::array<Contact, 2> contact_;
     Matrix from_torque_;  // wheel acceleration per wheel torque: G M^-1 G^T

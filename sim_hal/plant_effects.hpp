@@ -23,4 +23,7 @@ const model::Parameters<double>* parameters_of(const model::EffectSet<double>& s
     return is_active<Effect>(set) ? &set.parameter[index_of<Effect>()] : nullptr;
 }
 
+// What the rotation of two wheels adds to the plant's masses; a negative one takes it away.
+void add_rotation(PlantParameters& p, double wheel_inertia_kg_m2);
+
 }  // namespace wheelwright::sim

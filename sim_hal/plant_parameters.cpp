@@ -7,6 +7,38 @@
 
 namespace wheelwright::sim {
 
+// A wheel turns at (v -+ omega b / 2) / radius: its rotation adds to all entries of M.
+void add_rotation(PlantParameters& p, double wheel_inertia_kg_m2) {
+    const double left =
+        wheel_inertia_kg_m2 / (p.geometry.wheel_radius_m.left * p.geometry.wheel_radius_m.left);
+    const double right =
+        wheel_inertia_kg_m2 / (p.geometry.wheel_radius_m.right * p.geometry.wheel_radius_m.right);
+    const double half_track = p.geometry.track_m / 2;
+    p.mass_kg += left + right;
+    p.inertia_kg_m2 += (left + right) * half_track * half_track;
+    p.mass_coupling_kg_m += (right - left) * half_track;
+}
+
+namespace {
+
+// What a wheel's inertia of one adds.
+PlantParameters unit_rotation(const model::Geometry<double>& geometry) {
+    PlantParameters unit;
+    unit.geometry = geometry;
+    add_rotation(unit, 1);
+    return unit;
+}
+
+// Of one wheel; half of the robot must remain.
+double wheel_inertia_of(const PlantParameters& p) {
+    const PlantParameters unit = unit_rotation(p.geometry);
+    const double told =
+        p.wheel_inertia_kg_m2 > 0 ? p.wheel_inertia_kg_m2 : model::kRotationShare * p.mass_kg / unit.mass_kg;
+    return std::min(told, 0.5 * p.inertia_kg_m2 / unit.inertia_kg_m2);
+}
+
+}  // namespace
+
 PlantParameters plant_from_dynamics(const model::Geometry<double>& geometry,
                                     const model::Dynamics<double>& dynamics,
                                     const model::EffectSet<double>& effects) {
@@ -24,23 +56,16 @@ PlantParameters plant_from_dynamics(const model::Geometry<double>& geometry,
 PlantParameters plant_from_mass(const model::Geometry<double>& geometry,
                                 const model::MassProperties<double>& body,
                                 const model::EffectSet<double>& effects) {
-    // A wheel turns at (v -+ omega b / 2) / radius: its rotation adds to all entries of M.
-    const double left =
-        body.wheel_inertia_kg_m2 / (geometry.wheel_radius_m.left * geometry.wheel_radius_m.left);
-    const double right =
-        body.wheel_inertia_kg_m2 / (geometry.wheel_radius_m.right * geometry.wheel_radius_m.right);
-    const double half_track = geometry.track_m / 2;
     const double moment = body.mass_kg * body.cog_ahead_m;
     PlantParameters p;
     p.geometry = geometry;
-    p.mass_kg = body.mass_kg + left + right;
-    p.inertia_kg_m2 =
-        body.yaw_inertia_kg_m2 + moment * body.cog_ahead_m + (left + right) * half_track * half_track;
-    p.mass_coupling_kg_m = (right - left) * half_track;
+    p.mass_kg = body.mass_kg;
+    p.inertia_kg_m2 = body.yaw_inertia_kg_m2 + moment * body.cog_ahead_m;
     p.centrifugal_kg_m = moment;
     p.coriolis_kg_m = -moment;
     p.effects = effects;
     p.wheel_inertia_kg_m2 = body.wheel_inertia_kg_m2;
+    add_rotation(p, body.wheel_inertia_kg_m2);
     return p;
 }
 
@@ -103,8 +128,12 @@ void Plant::set_parameters(const PlantParameters& parameters) {
 void Plant::derive_actual() {
     actual_ = parameters_;
     PlantParameters& p = actual_;
-    if (const auto* radii = parameters_of<model::WheelRadiusMismatch>(parameters_.effects))
+    p.wheel_inertia_kg_m2 = wheel_inertia_of(p);
+    if (const auto* radii = parameters_of<model::WheelRadiusMismatch>(parameters_.effects)) {
+        add_rotation(p, -p.wheel_inertia_kg_m2);
         p.geometry = model::WheelRadiusMismatch::geometry(*radii, p.geometry);
+        add_rotation(p, p.wheel_inertia_kg_m2);
+    }
     const double ahead = p.centrifugal_kg_m / p.mass_kg;
     const auto* lateral = parameters_of<model::CogLateral>(parameters_.effects);
     lateral_m_ = lateral != nullptr ? (*lateral)[0] : 0;
@@ -125,16 +154,11 @@ void Plant::derive_actual() {
     }
     dynamics_ = plant_dynamics(p);
     if (parameters_of<model::Backlash>(parameters_.effects) != nullptr) {
-        // as a wheel's rotation in plant_from_mass(); most of the robot must remain
+        // most of the robot must remain
         double& motor = p.effects.parameter[index_of<model::Backlash>()][1];
-        const double left = 1 / (p.geometry.wheel_radius_m.left * p.geometry.wheel_radius_m.left);
-        const double right = 1 / (p.geometry.wheel_radius_m.right * p.geometry.wheel_radius_m.right);
-        const double half_track = p.geometry.track_m / 2;
-        motor = std::min({motor, 0.8 * p.mass_kg / (left + right),
-                          0.8 * p.inertia_kg_m2 / ((left + right) * half_track * half_track)});
-        p.mass_kg -= motor * (left + right);
-        p.inertia_kg_m2 -= motor * (left + right) * half_track * half_track;
-        p.mass_coupling_kg_m -= motor * (right - left) * half_track;
+        const PlantParameters unit = unit_rotation(p.geometry);
+        motor = std::min({motor, 0.8 * p.mass_kg / unit.mass_kg, 0.8 * p.inertia_kg_m2 / unit.inertia_kg_m2});
+        add_rotation(p, -motor);
     }
 }
 

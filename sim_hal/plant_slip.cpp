@@ -17,17 +17,12 @@ WheelPair<double> Plant::slip_m_per_s() const {
 void Plant::derive_slip() {
     if (!slips_) return;
     const PlantParameters& p = actual_;
-    const double left = 1 / (p.geometry.wheel_radius_m.left * p.geometry.wheel_radius_m.left);
-    const double right = 1 / (p.geometry.wheel_radius_m.right * p.geometry.wheel_radius_m.right);
     const double half_track = p.geometry.track_m / 2;
-    double inertia = p.wheel_inertia_kg_m2 > 0 ? p.wheel_inertia_kg_m2
-                                               : model::kRotationShare * p.mass_kg / (left + right);
-    inertia = std::min(inertia, 0.5 * p.inertia_kg_m2 / ((left + right) * half_track * half_track));
-    slip_inertia_kg_m2_ = inertia;
+    const double inertia = p.wheel_inertia_kg_m2;
     slip_load_N_ = model::WheelSlip::load_N(p.geometry, dynamics_);
-    from_body_ = inverse_of(p.mass_kg - inertia * (left + right),
-                            p.mass_coupling_kg_m - inertia * (right - left) * half_track,
-                            p.inertia_kg_m2 - inertia * (left + right) * half_track * half_track);
+    PlantParameters body = p;
+    add_rotation(body, -inertia);
+    from_body_ = inverse_of(body.mass_kg, body.mass_coupling_kg_m, body.inertia_kg_m2);
     const auto contact = [&](double radius_m, double lever_m) {
         Contact c;
         c.on_body = {1, lever_m};
@@ -52,7 +47,7 @@ double Plant::step_slipping(double rest_s, const WheelPair<double>& torque_Nm) {
     constexpr double kTolerance = 1e-12;
     const double dt_s = rest_s > 1.5 * kLongest_s ? kLongest_s : rest_s;
     const model::Geometry<double>& g = actual_.geometry;
-    const double inertia = slip_inertia_kg_m2_;
+    const double inertia = actual_.wheel_inertia_kg_m2;
 
     // Everything but tyres and dry friction. What acts on each wheel acts on the wheel, the rest on the body.
     const model::Motion<double> motion{speed_, angle_, twist_, pose_.heading_rad};

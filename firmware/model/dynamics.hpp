@@ -77,6 +77,13 @@ Real coupled_k6(Real k5_m, Real k7_per_kg_m, Real k8_per_kg_m2, Real track_m) {
     return -k5_m * 2 * k8_per_kg_m2 / (track_m * k7_per_kg_m);
 }
 
+// The rotation's share in the inertia that K8 stands for, from that in the mass.
+template <typename Real>
+constexpr Real rotation_share_turning(const Dynamics<Real>& k, Real track_m,
+                                      Real rotation_share = Real(kRotationShare)) {
+    return rotation_share * track_m * k.k8_per_kg_m2 / (2 * k.k7_per_kg_m);
+}
+
 // Accelerations from the torque that accelerates, eq (42), (43).
 template <typename Real>
 constexpr TwistRate<Real> acceleration(const Dynamics<Real>& k, const Twist<Real>& u,

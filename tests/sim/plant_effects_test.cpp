@@ -262,6 +262,20 @@ TEST(SimPlantRobot, unequal_radii_turn_a_robot_whose_wheels_turn_alike) {
     DOUBLES_EQUAL(kRadius_m, p.parameters().geometry.wheel_radius_m.left, 0);
 }
 
+TEST(SimPlantRobot, unequal_radii_are_the_same_from_the_effect_as_from_the_geometry) {
+    const model::MassProperties<double> body{3.1, 0.06, 0.04, 0.0023};
+    const double left = 2 * kRadius_m / 2.3;
+    Plant as_effect(
+        sim::plant_from_mass({{kRadius_m, kRadius_m}, kTrack_m}, body, with("wheel_radius_mismatch", {0.3})));
+    Plant as_geometry(sim::plant_from_mass({{left, 1.3 * left}, kTrack_m}, body, {}));
+    for (const WheelPair<double> torque : {WheelPair<double>{0.4, 0.1}, {-0.2, 0.3}, {0.3, 0.3}}) {
+        go(as_effect, 0.4, torque);
+        go(as_geometry, 0.4, torque);
+        DOUBLES_EQUAL(as_geometry.twist().v_m_per_s, as_effect.twist().v_m_per_s, 1e-12);
+        DOUBLES_EQUAL(as_geometry.twist().omega_rad_per_s, as_effect.twist().omega_rad_per_s, 1e-12);
+    }
+}
+
 TEST_GROUP(SimPlantSlip){};
 
 TEST(SimPlantSlip, a_pulling_tyre_slips_by_its_share_of_the_largest_force) {

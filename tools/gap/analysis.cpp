@@ -148,7 +148,7 @@ Confusion confusion(const Search& s, const Setting& setting, double torque_rms_N
                     bool turning) {
     Confusion c;
     c.setting = setting;
-    c.setting.dynamics = whole_dynamics(s, turning, setting.geometry.track_m);
+    c.setting.dynamics = whole_dynamics(s.after, s.unknowable, turning, setting.geometry.track_m);
     c.points = s.points;
     c.effects = effects_of(s.members, s.after, setting);
     c.members = s.members;

@@ -74,8 +74,7 @@ struct WheelSlip {
     static constexpr Settling<Real> turning(const Parameters<Real>& p, const Geometry<Real>& g,
                                             const Dynamics<Real>& k,
                                             Real rotation_share = Real(kRotationShare)) {
-        return settling(p, g, k, rotation_share,
-                        rotation_share * g.track_m * k.k8_per_kg_m2 / (2 * k.k7_per_kg_m));
+        return settling(p, g, k, rotation_share, rotation_share_turning(k, g.track_m, rotation_share));
     }
 
   private:

@@ -139,6 +139,12 @@ class Claims(unittest.TestCase):
     def test_unequal_radii(self):
         self.check({"wheel_radius_mismatch": {"relative": 0.03}}, ["wheel_radius_mismatch"])
 
+    def test_unequal_radii_beside_friction(self):
+        friction = {"coulomb_friction": {"left_Nm": 0.2, "right_Nm": 0.2},
+                    "viscous_friction": {"left_Nm_s_per_rad": 0.02, "right_Nm_s_per_rad": 0.02}}
+        # this test's steps of 1 ms are coarse for wheels that stop
+        self.check({"wheel_radius_mismatch": {"relative": 0.05}, **friction}, ["wheel_radius_mismatch", *friction], 0.05)
+
 
 if __name__ == "__main__":
     unittest.main(argv=sys.argv[:1], verbosity=2)

@@ -7,6 +7,8 @@ import random
 WRITTEN = {"viscous_friction", "coulomb_friction", "quadratic_drag", "turning_scrub", "torque_bias", "torque_gain_mismatch",
            "cog_lateral", "wheel_radius_mismatch", "transport_delay"}
 
+ROTATION_SHARE = 0.08  # of the mass that K7 tells of: what the wheels' rotation has in it
+
 
 class Robot:
     """Of a robot file's tables, as tomllib reads them."""
@@ -20,11 +22,15 @@ class Robot:
         mass, inertia = 1 / (k["k7_per_kg_m"] * mean), self.track_m / (2 * mean * k["k8_per_kg_m2"])
         self.centrifugal = k.get("k5_m", 0) * mass
         self.coriolis = k["k6_per_m"] * inertia if "k6_per_m" in k else -self.centrifugal
-        if "wheel_radius_mismatch" in effects:  # the mean stays
-            ratio = right / left * (1 + effects["wheel_radius_mismatch"]["relative"])
-            left, right = 2 * mean / (1 + ratio), 2 * mean * ratio / (1 + ratio)
-        self.radius_m = (left, right)
         coupling = -effects.get("cog_lateral", {"offset_m": 0})["offset_m"] * mass
+        if "wheel_radius_mismatch" in effects:  # the mean stays, and a wheel's inertia
+            wheel = ROTATION_SHARE * mass / (left ** -2 + right ** -2)
+            ratio = right / left * (1 + effects["wheel_radius_mismatch"]["relative"])
+            were, (left, right) = (left, right), (2 * mean / (1 + ratio), 2 * mean * ratio / (1 + ratio))
+            more = [wheel * (now ** -2 - then ** -2) for now, then in zip((left, right), were)]
+            mass, inertia = mass + sum(more), inertia + sum(more) * self.track_m ** 2 / 4
+            coupling += (more[1] - more[0]) * self.track_m / 2
+        self.radius_m = (left, right)
         determinant = mass * inertia - coupling * coupling
         self.inverse = (inertia / determinant, -coupling / determinant, mass / determinant)
         zero = {"left_Nm": 0, "right_Nm": 0}

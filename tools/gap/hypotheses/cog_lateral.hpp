@@ -13,7 +13,7 @@ class CogLateralTerm : public Contribution {
     CogLateralTerm(const Parameters<double>& p, const Setting& s) : p_(p), s_(s) {}
     bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {
-        const Twist<double> d = change(s_, i);
+        const Twist<double> d = change(s_.geometry, i);
         return model::wheel_torque_Nm(
             s_.geometry, model::CogLateral::push(p_, s_.geometry, s_.dynamics,
                                                  {d.v_m_per_s / i.dt_s, d.omega_rad_per_s / i.dt_s}));

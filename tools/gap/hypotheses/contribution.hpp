@@ -75,9 +75,9 @@ inline WheelPair<double> pair_for(const Setting& s, double forward_m_per_s, doub
                    turning_rad_per_s / (s.dynamics.k8_per_kg_m2 * dt_s));
 }
 
-inline Twist<double> change(const Setting& s, const Interval& i) {
+inline Twist<double> change(const model::Geometry<double>& g, const Interval& i) {
     return model::twist_from_wheel_speeds(
-        s.geometry, WheelPair<double>{i.after.left - i.before.left, i.after.right - i.before.right});
+        g, WheelPair<double>{i.after.left - i.before.left, i.after.right - i.before.right});
 }
 
 }  // namespace wheelwright::gap

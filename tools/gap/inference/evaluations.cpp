@@ -143,7 +143,7 @@ std::optional<std::string> Evaluations::first_model() {
         kept_ = {};  // made of what the wheels differ by
         block_options_.straight = true;
     }
-    make(dynamics_of(f, turning_, options_.geometry.track_m), {}, true);
+    make(whole_dynamics(f, unknowable(f, turning_), turning_, options_.geometry.track_m), {}, true);
     first_ = current_;
     return std::nullopt;
 }
@@ -249,7 +249,8 @@ bool Evaluations::near_enough() const {
 }
 
 model::Dynamics<double> Evaluations::dynamics_found() const {
-    return dynamics_of(current_->search.after, turning_, options_.geometry.track_m);
+    const Search& found = current_->search;
+    return whole_dynamics(found.after, found.unknowable, turning_, options_.geometry.track_m);
 }
 
 Setting Evaluations::setting_found() const {

@@ -48,10 +48,11 @@ model::Dynamics<double> dynamics_of(const Fit& fit, bool turning, double track_m
     return k;
 }
 
-model::Dynamics<double> whole_dynamics(const Search& search, bool turning, double track_m) {
-    model::Dynamics<double> k = dynamics_of(search.after, turning, track_m);
+model::Dynamics<double> whole_dynamics(const Fit& fit, std::span<const std::string> unknowable, bool turning,
+                                       double track_m) {
+    model::Dynamics<double> k = dynamics_of(fit, turning, track_m);
     const auto unknown = [&](const char* name) {
-        return std::find(search.unknowable.begin(), search.unknowable.end(), name) != search.unknowable.end();
+        return std::find(unknowable.begin(), unknowable.end(), name) != unknowable.end();
     };
     if (unknown("K5") || unknown("K6")) k.k5_m = k.k6_per_m = 0;
     if (unknown("K7")) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <span>
+#include <string>
 #include <vector>
 
 #include "firmware/model/robot_parameters.hpp"
@@ -13,9 +14,10 @@ namespace wheelwright::gap {
 // K5..K8. Where nothing is known of turning: of a robot that goes straight, with any inertia.
 model::Dynamics<double> dynamics_of(const Fit& fit, bool turning, double track_m);
 
-// K5..K8 of `after`, and for what the log cannot show (`unknowable`) some robot's: motions must be simulated
-// with something.
-model::Dynamics<double> whole_dynamics(const Search& search, bool turning, double track_m);
+// The same, and for what the log cannot show (`unknowable`) some robot's: motions must be simulated with
+// something, and columns be made.
+model::Dynamics<double> whole_dynamics(const Fit& fit, std::span<const std::string> unknowable, bool turning,
+                                       double track_m);
 
 // `setting`: of the dictionary that the fit's columns are from.
 SimulatedRobot robot_of(const std::vector<Candidate>& members, const Fit& fit, const Setting& setting,
