@@ -99,6 +99,12 @@ struct HypothesisOf<model::CastorDrag> : Defaults<model::CastorDrag> {
             for (const double trail : {0.02, 0.03, 0.042})
                 from.points.push_back({0, 0, arm * s.geometry.track_m, trail});
         }
+        // Nearer to the axle it holds no robot up: with the centre of gravity half of the track high that
+        // tips over at a quarter of g. What is found there is any resistance of the floor, soft stripes for
+        // one.
+        from.itself = [least_m = s.geometry.track_m / 4](const Parameters<double>& at) {
+            return std::abs(at[2]) > least_m;
+        };
         // of the trail
         look_beside(from, s, [](const Parameters<double>& at, double amount) {
             return Parameters<double>{at[0], at[1], at[2], amount * at[3]};

@@ -36,9 +36,21 @@ inline double mean_sign(double a, double b, double least = 0) {
 // Of the catalogue; what the sensors say of it is known before the rows are looked at.
 inline constexpr std::size_t kMeasurementLag = model::find_effect(model::MeasurementLag::info.name);
 
+// What a wheel's own friction takes of its torque: of both wheels, the mean.
+struct WheelFriction {
+    double dry_Nm = 0, viscous_Nm_s_per_rad = 0;
+
+    // Of a speed that goes straight from one to the other.
+    double torque_Nm(double before_rad_per_s, double after_rad_per_s) const {
+        return dry_Nm * mean_sign(before_rad_per_s, after_rad_per_s) +
+               viscous_Nm_s_per_rad * (before_rad_per_s + after_rad_per_s) / 2;
+    }
+};
+
 struct Setting {
     model::Geometry<double> geometry;
     model::Dynamics<double> dynamics;
+    WheelFriction friction;
     double peak_torque_Nm = 1, peak_speed_rad_per_s = 1;
     double span_s = 60, period_s = 0.001;
     double turned_rad = 1e9;     // from the least to the greatest angle of a wheel

@@ -69,4 +69,10 @@ const Hypothesis& hypothesis_of(std::size_t effect) { return kHypotheses[effect]
 
 std::span<const std::size_t> usual_friction() { return kUsual; }
 
+bool is_usual_friction(std::size_t effect) {
+    return std::any_of(kUsual.begin(), kUsual.end(), [&](std::size_t friction) {
+        return friction == effect || hypothesis_of(friction).special_case_of == effect;
+    });
+}
+
 }  // namespace wheelwright::gap

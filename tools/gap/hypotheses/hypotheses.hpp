@@ -28,5 +28,7 @@ const Hypothesis& hypothesis_of(std::size_t effect);
 
 // The friction that every drive train has, in the catalogue's order.
 std::span<const std::size_t> usual_friction();
+// One of these, or the general law of one.
+bool is_usual_friction(std::size_t effect);
 
 }  // namespace wheelwright::gap

@@ -13,9 +13,10 @@ namespace wheelwright::gap {
 // What a load that comes at this time acts on along a log: what all the columns of it share.
 class Loaded {
   public:
-    Loaded(double time_s, const Setting& s) : time_s_(time_s), geometry_(s.geometry) {}
+    Loaded(double time_s, const Setting& s) : time_s_(time_s), geometry_(s.geometry), friction_(s.friction) {}
 
-    // Of an interval, as much as there is load in it: omega^2, v omega, the torques' sum and difference.
+    // Of an interval, as much as there is load in it: omega^2, v omega, sum and difference of the torques
+    // less the wheels' own friction, which moves no load.
     struct At {
         double omega_squared = 0, v_omega = 0, torque_sum = 0, torque_difference = 0;
     };
@@ -27,14 +28,17 @@ class Loaded {
         const double after = since_s < i.dt_s ? since_s / i.dt_s : 1.0;
         const Twist<double> u = model::twist_from_wheel_speeds(geometry_, i.speed());
         const double omega = after * u.omega_rad_per_s;
-        return at_ = {omega * u.omega_rad_per_s, omega * u.v_m_per_s, after * i.torque.sum(),
-                      after * i.torque.difference()};
+        const WheelPair<double> moves{i.torque.left - friction_.torque_Nm(i.before.left, i.after.left),
+                                      i.torque.right - friction_.torque_Nm(i.before.right, i.after.right)};
+        return at_ = {omega * u.omega_rad_per_s, omega * u.v_m_per_s, after * moves.sum(),
+                      after * moves.difference()};
     }
     bool is(double time_s) const { return time_s == time_s_; }
 
   private:
     double time_s_;
     model::Geometry<double> geometry_;
+    WheelFriction friction_;
     double at_s_ = -1e300;
     At at_;
 };

@@ -58,15 +58,19 @@ struct HypothesisOf<model::StribeckFriction> : Defaults<model::StribeckFriction>
     using Columns = StribeckTerm;
     // NOLINTBEGIN(readability-magic-numbers): points
     static StartingPoints starting_points(const Setting&) {
-        return {{{0, 0, 0.4}, {0, 0, 0.8}, {0, 0, 1.6}, {0, 0, 3.2}},
-                [](const Parameters<double>& at) {
-                    return std::vector<Parameters<double>>{{1, 1, at[2]}, {0, 1, at[2]}};
-                },
-                [](const Parameters<double>& at, const Eigen::VectorXd& a) {
-                    return Parameters<double>{a(0), a(0) + a(1), at[2]};
-                },
-                [](const Eigen::VectorXd& a) { return a(0) > 0 && a(1) > 0.1 * a(0); },
-                {0.01, 0.01, 0.05}};
+        // Friction that is less as a wheel creeps is Coulomb's, whose sign no real wheel changes at once.
+        constexpr double kLeastRise = 0.1;
+        StartingPoints from{{{0, 0, 0.4}, {0, 0, 0.8}, {0, 0, 1.6}, {0, 0, 3.2}},
+                            [](const Parameters<double>& at) {
+                                return std::vector<Parameters<double>>{{1, 1, at[2]}, {0, 1, at[2]}};
+                            },
+                            [](const Parameters<double>& at, const Eigen::VectorXd& a) {
+                                return Parameters<double>{a(0), a(0) + a(1), at[2]};
+                            },
+                            [](const Eigen::VectorXd& a) { return a(0) > 0 && a(1) > kLeastRise * a(0); },
+                            {0.01, 0.01, 0.05}};
+        from.itself = [](const Parameters<double>& at) { return at[1] > (1 + kLeastRise) * at[0]; };
+        return from;
     }
     // NOLINTEND(readability-magic-numbers)
 };

@@ -17,6 +17,9 @@ namespace {
 constexpr std::size_t kFewestBlocks = 6;
 constexpr int kMostPasses = 6;
 constexpr double kClear = 3;  // of zero, standard errors
+constexpr std::size_t kCoulomb = model::find_effect(model::CoulombFriction::info.name);
+constexpr std::size_t kViscous = model::find_effect(model::ViscousFriction::info.name);
+constexpr std::size_t kStribeck = model::find_effect(model::StribeckFriction::info.name);
 
 bool close(const model::Dynamics<double>& a, const model::Dynamics<double>& b) {
     const auto near = [](double x, double y, double scale) { return std::abs(x - y) < 1e-3 * scale; };
@@ -62,6 +65,29 @@ bool is_worse(const Search& later, const Search& earlier) {
     constexpr double kSlack = 1.02;
     return later.effects.empty() ||
            (later.effects.size() < earlier.effects.size() && later.gap_after > kSlack * earlier.gap_after);
+}
+
+// Of the model without any effect.
+WheelFriction friction_of(const Fit& fit, const Dictionary& dictionary) {
+    const auto amount_of = [&](std::size_t effect) {
+        const int first = dictionary.linear_columns(effect).first;
+        for (std::size_t i = 0; i < fit.shape.amounts.size(); ++i) {
+            if (fit.shape.amounts[i].columns.front() == first)
+                return fit.value(kFirstAmount + Eigen::Index(i));
+        }
+        return 0.0;
+    };
+    return {amount_of(kCoulomb), amount_of(kViscous)};
+}
+
+WheelFriction friction_of(const Search& found, const Setting& setting) {
+    const model::EffectSet<double> effects = effects_of(found.members, found.after, setting);
+    const auto mean_of = [&](std::size_t effect) {
+        const model::Parameters<double>& p = effects.parameter[effect];
+        return effects.active[effect] ? (p[0] + p[1]) / 2 : 0.0;
+    };
+    const double stribeck = effects.active[kStribeck] ? effects.parameter[kStribeck][0] : 0.0;
+    return {mean_of(kCoulomb) + stribeck, mean_of(kViscous)};
 }
 
 // Standard error of the time of an event that was found; 0: none was.
@@ -143,6 +169,7 @@ std::optional<std::string> Evaluations::first_model() {
         kept_ = {};  // made of what the wheels differ by
         block_options_.straight = true;
     }
+    friction_ = friction_of(f, current_->dictionary);
     make(whole_dynamics(f, unknowable(f, turning_), turning_, options_.geometry.track_m), {}, true);
     first_ = current_;
     return std::nullopt;
@@ -197,6 +224,7 @@ void Evaluations::evaluate_closer(int broad) {
         if (current_->search.effects.empty() && !leads) break;
         const model::Dynamics<double> found = dynamics_found();
         if (!leads && close(found, current_->dictionary.setting().dynamics) && near_enough()) break;
+        friction_ = friction_of(current_->search, current_->dictionary.setting());
         Evaluation before = put_aside();
         ++refinements_;
         space_events_closer();
@@ -261,8 +289,8 @@ Setting Evaluations::setting_found() const {
 
 Setting Evaluations::setting_for(const model::Dynamics<double>& dynamics) const {
     const Overview& o = options_.overview;
-    return {options_.geometry, dynamics,     o.peak_torque_Nm, o.peak_speed_rad_per_s, o.span_s,
-            o.period_s,        o.turned_rad, refinements_,     event_spacing_s_};
+    return {options_.geometry, dynamics,   friction_,    o.peak_torque_Nm, o.peak_speed_rad_per_s,
+            o.span_s,          o.period_s, o.turned_rad, refinements_,     event_spacing_s_};
 }
 
 BlockSet Evaluations::held_out() const {

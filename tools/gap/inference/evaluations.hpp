@@ -82,6 +82,7 @@ class Evaluations {
     bool driving_ = true, turning_ = false;
     std::optional<double> k7_per_kg_m_;  // held, as nothing drives
     std::size_t blocks_ = 0;
+    WheelFriction friction_;  // found by now
     int refinements_ = 0;
     double event_spacing_s_ = 0;
     std::optional<Evaluation> current_, first_;  // first: as it was before anything was looked for

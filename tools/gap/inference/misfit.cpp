@@ -119,7 +119,9 @@ std::optional<std::size_t> unsure_by_misfit(const Search& found, const Setting& 
         const auto first = at;
         const auto had = static_cast<std::ptrdiff_t>(candidate.amounts.size());
         at += had;
-        if (i < found.base_members || !found.may_be_denied(candidate.effect)) continue;
+        if (i < found.base_members || !found.may_be_denied(candidate.effect) ||
+            is_usual_friction(candidate.effect))
+            continue;
         // one at a point is taken as a whole for it
         const std::vector<Amount> whole = directions(candidate);
         ModelShape shape = found.after.shape;

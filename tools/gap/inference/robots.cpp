@@ -131,8 +131,7 @@ FreeRunsSay by_free_runs(const Search& search, const Blocks& train, std::span<co
     FreeRunsSay say;
     std::vector<double> with_all;
     for (std::size_t i = search.base_members; i < search.members.size(); ++i) {
-        if (hypothesis_of(search.members[i].effect).in_every_drive_train ||
-            search.is_shown(search.members[i].effect))
+        if (is_usual_friction(search.members[i].effect) || search.is_shown(search.members[i].effect))
             continue;
         // held against a drive train with its usual friction, where it has taken the place of that
         Members fewer = without(search.members, i);

@@ -200,10 +200,14 @@ class Searcher {
         closable_at_first_ = closable();
     }
 
-    // Friction that another effect has taken the place of may be there beside it.
+    // Friction that another effect has taken the place of may be there beside it; and beside what was found
+    // since, the one of which nothing was sure at first, if the drive train has the other.
     void put_friction_back() {
-        for (const Candidate& candidate : evidence_.friction()) {
+        for (const Candidate& candidate : result_.friction) {
             if (contains(members_, candidate.effect)) continue;
+            if (!is_friction(candidate) && std::none_of(members_.begin(), members_.end(),
+                                                        [&](const Candidate& m) { return is_friction(m); }))
+                continue;
             const Members more = with(members_, candidate);
             const double probability = evidence_.probability_of_last(all_, more);
             if (probability > kPolicy.kept || !evidence_.in_range(all_, more, evidence_.fit(all_, more)))
