@@ -26,7 +26,10 @@ class OnceMissed(unittest.TestCase):
         self.assertIn("payload_step", named(1308892933, 293))
 
     def test_few_pieces_make_an_interval_wide_but_not_a_load_doubtful(self):
-        self.assertIn("payload_step", named(1104904506, 109))
+        self.assertIn("gain_drift", named(3074510771, 216)["payload_step"])
+
+    def test_friction_moves_no_load(self):
+        self.assertIn("payload_step", named(3467140695, 237))
 
     def test_speeds_are_not_later_than_a_gyro_allows(self):
         effects = named(1308892933, 37)

@@ -40,10 +40,14 @@ inline constexpr std::size_t kMeasurementLag = model::find_effect(model::Measure
 struct WheelFriction {
     double dry_Nm = 0, viscous_Nm_s_per_rad = 0;
 
-    // Of a speed that goes straight from one to the other.
-    double torque_Nm(double before_rad_per_s, double after_rad_per_s) const {
-        return dry_Nm * mean_sign(before_rad_per_s, after_rad_per_s) +
-               viscous_Nm_s_per_rad * (before_rad_per_s + after_rad_per_s) / 2;
+    // What it leaves of a torque, over a speed that goes straight from one to the other.
+    WheelPair<double> leaves_Nm(const WheelPair<double>& torque, const WheelPair<double>& before,
+                                const WheelPair<double>& after) const {
+        const auto taken = [&](double from, double to) {
+            return dry_Nm * mean_sign(from, to) + viscous_Nm_s_per_rad * (from + to) / 2;
+        };
+        return {torque.left - taken(before.left, after.left),
+                torque.right - taken(before.right, after.right)};
     }
 };
 

@@ -28,8 +28,7 @@ class Loaded {
         const double after = since_s < i.dt_s ? since_s / i.dt_s : 1.0;
         const Twist<double> u = model::twist_from_wheel_speeds(geometry_, i.speed());
         const double omega = after * u.omega_rad_per_s;
-        const WheelPair<double> moves{i.torque.left - friction_.torque_Nm(i.before.left, i.after.left),
-                                      i.torque.right - friction_.torque_Nm(i.before.right, i.after.right)};
+        const WheelPair<double> moves = friction_.leaves_Nm(i.torque, i.before, i.after);
         return at_ = {omega * u.omega_rad_per_s, omega * u.v_m_per_s, after * moves.sum(),
                       after * moves.difference()};
     }
