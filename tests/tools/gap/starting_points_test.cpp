@@ -50,3 +50,31 @@ TEST(GapStartingPoints, ALimitTakesSoManyTimesAsMuchOfTheLargestTorque) {
         }
     }
 }
+
+TEST(GapStartingPoints, ACastorHoldsTheRobotUpAndStribecksFrictionRisesAsTheWheelCreeps) {
+    const auto is = [](const char* name, const gap::Parameters<double>& p) {
+        return gap::hypothesis_of(model::find_effect(name)).starting_points(setting()).itself(p);
+    };
+    CHECK_TRUE(is("castor_drag", {1, 0.01, -0.13, 0.03}));
+    CHECK_FALSE(is("castor_drag", {1, 0.01, -0.12, 0.03}));
+    CHECK_TRUE(is("stribeck_friction", {0.2, 0.23, 1}));
+    CHECK_FALSE(is("stribeck_friction", {0.2, 0.21, 1}));
+}
+
+TEST(GapStartingPoints, ALoadMovesOnWhatFrictionLeavesOfTheTorque) {
+    gap::Setting with_friction = setting();
+    with_friction.friction = {0.3, 0.02};
+    const std::size_t load = model::find_effect("payload_step");
+    const auto column = gap::hypothesis_of(load).columns({0, 1, 0}, with_friction);
+    gap::Interval i;
+    i.t_s = 1;
+    i.dt_s = 0.004;
+    i.before = i.after = {5, -5};
+    i.torque = {0.4, -0.4};  // all that friction takes
+    DOUBLES_EQUAL(0, column->over(i).left, 1e-12);
+    i.t_s = 1.004;
+    i.torque = {0.9, 0.1};
+    // half of what is left goes into as much load as there is robot, 20 kg
+    const auto robots_mass = gap::hypothesis_of(load).columns({0, 20, 0}, with_friction);
+    DOUBLES_EQUAL(-(0.9 - 0.4 + 0.1 + 0.4) / 4, robots_mass->over(i).left, 1e-12);
+}
