@@ -28,6 +28,9 @@ class OnceMissed(unittest.TestCase):
     def test_few_pieces_make_an_interval_wide_but_not_a_load_doubtful(self):
         self.assertIn("gain_drift", named(3074510771, 216)["payload_step"])
 
+    def test_a_closer_evaluation_does_not_lose_a_limit_that_falls_with_the_speed(self):
+        self.assertIn("back_emf_limit", named(2272987015, 31))
+
     def test_friction_moves_no_load(self):
         self.assertIn("payload_step", named(3467140695, 237))
 
