@@ -63,9 +63,8 @@ bool has_leads(const Search& search) {
 // A closer evaluation must not lose what was found.
 bool is_worse(const Search& later, const Search& earlier) {
     constexpr double kSlack = 1.02;
-    const bool lost = std::any_of(earlier.effects.begin(), earlier.effects.end(), [&](const NamedEffect& e) {
-        return !has(later.effects, e.effect);
-    });
+    const bool lost = std::any_of(earlier.effects.begin(), earlier.effects.end(),
+                                  [&](const NamedEffect& e) { return !has(later.effects, e.effect); });
     return later.effects.empty() || (lost && later.gap_after > kSlack * earlier.gap_after);
 }
 
