@@ -17,6 +17,7 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 
 namespace wheelwright::control {
 
@@ -180,6 +181,7 @@ class EncoderBehindLoop {
     EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
     // Of that angle, where the lag is known to a hundredth: two hundredths by its square, one by the time.
     // And a count while the loop has more than one to go: it knows its own position to whole counts only.
+    // Until the next count comes it goes on at its speed, and tells nothing: infinite.
     double unsure_rad() const { return unsure_rad_; }
 
   private:
@@ -215,6 +217,9 @@ class EncoderBehindLoop {
         }
         const double size_rad = std::abs(off_rad);
         unsure_rad_ = size_rad / 30 + (size_rad > count_rad_ ? count_rad_ : 0);
+        if (reported.speed_rad_per_s == last_.speed_rad_per_s &&
+            std::abs(reported.position_rad - last_.position_rad) <= 2 * count_rad_)
+            unsure_rad_ = std::numeric_limits<double>::infinity();
         last_ = reported;
         angle_ = {reported.position_rad - half_way_rad + off_rad, reported.speed_rad_per_s,
                   reported.time_ns - half_period_ns_};

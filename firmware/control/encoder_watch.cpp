@@ -1,14 +1,11 @@
 #include "firmware/control/encoder_watch.hpp"
 
-#include <limits>
-
 namespace wheelwright::control {
 namespace {
 
 constexpr Real kUnseen_rad = Real(kMostUnseen_rad);
 constexpr Real kBrakesShare = Real(1.5);    // of what the torque brakes by, with friction
 constexpr Real kFrictionGrows = Real(1.5);  // when cold, or to break away; at most, and as much less
-constexpr Real kNoSlope = std::numeric_limits<Real>::infinity();
 constexpr int kPushedCycles = 80;
 constexpr int kFrames = 4;
 
@@ -51,8 +48,7 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
                  identifying ? kGentleSpan_cycles
                              : std::clamp(static_cast<int>(std::lround(span_s / kObserverCycle_s)), 6, 20));
     const double friction_Nm = dry_Nm > 0 ? double(kFrictionGrows) * dry_Nm : kUnknownFriction * limit_Nm;
-    const double held_Nm =
-        std::min(friction_Nm + (identifying ? 0 : kBeside * limit_Nm), kNearlyAllTorque * limit_Nm);
+    const double most_held_Nm = double(kNearlyAllTorque) * limit_Nm;
     // No sooner than the angle can have changed: by what full torque does until the drives have told of it.
     const double full_rad_per_s2 =
         (from.dynamics.k7_per_kg_m + from.dynamics.k8_per_kg_m2 * from.geometry.track_m / 2) * limit_Nm /
@@ -61,13 +57,14 @@ EncoderWatchSettings encoder_watch_settings(const model::RobotParameters& from, 
         from.velocity_loop.actuation_delay_s + kFrames * from.drive.encoder_period_ms * kObserverCycle_s;
     const double seen_rad = kMostUnseenSteps * encoder_step_rad(from) + full_rad_per_s2 * late_s * late_s / 2;
     return {Real(limit_Nm),
-            Real(held_Nm),
+            Real(std::min(friction_Nm, most_held_Nm)),
             Real(from.safety.clear_speed_m_per_s / from.geometry.mean_radius_m()),
             span_cycles,
             Real(2 * limit_Nm / from.geometry.mean_radius_m() * span_cycles * kObserverCycle_s),
             Real(identifying ? kFrictionMayBeWrong * dry_Nm : 0),
             std::clamp(Real(seen_rad), identifying ? Real(0) : kUnseen_rad / 2, kUnseen_rad),
-            from.drive.encoder_period_ms};
+            from.drive.encoder_period_ms,
+            Real(std::min(friction_Nm + (identifying ? 0 : kBeside * limit_Nm), most_held_Nm))};
 }
 
 void EncoderWatch::configure(const EncoderWatchSettings& settings) {
@@ -78,8 +75,10 @@ void EncoderWatch::configure(const EncoderWatchSettings& settings) {
 
 void EncoderWatch::rest(const std::array<EncoderAngle, 2>& told) {
     wheels_ = {};
-    wheels_[0].told = told[0];
-    wheels_[1].told = told[1];
+    for (const std::size_t i : {0, 1}) {
+        wheels_[i].told = told[i];
+        if (!std::isfinite(told[i].unsure_rad)) wheels_[i].told.unsure_rad = 0;
+    }
     instants_known_ = cycles_ = 0;
     against_cycles_ = against_push_cycles_ = {};
     turns_against_spans_ = goes_against_spans_ = 0;
@@ -112,8 +111,10 @@ bool EncoderWatch::update(Real elapsed_s, const std::array<EncoderAngle, 2>& tol
         return Range{push_Nm - (creeps || speed_rad_per_s > 0 ? friction_Nm : 0),
                      push_Nm + (creeps || speed_rad_per_s < 0 ? friction_Nm : 0)};
     };
-    const Pushed left_pushed{torque_Nm.left, holds_Nm.left, net_push(right, speed.right, torque_Nm.right)};
-    const Pushed right_pushed{torque_Nm.right, holds_Nm.right, net_push(left, speed.left, torque_Nm.left)};
+    const Pushed left_pushed{torque_Nm.left, holds_Nm.left, net_push(right, speed.right, torque_Nm.right),
+                             wheels_[1].lately.unexplained_rad_per_s2};
+    const Pushed right_pushed{torque_Nm.right, holds_Nm.right, net_push(left, speed.left, torque_Nm.left),
+                              wheels_[0].lately.unexplained_rad_per_s2};
     const bool left_lies =
         left && hidden(wheels_[0], elapsed_s, left_pushed, radius_m.left, plant, model_known);
     const bool right_lies =
@@ -128,7 +129,7 @@ bool EncoderWatch::still(Wheel& wheel, const EncoderAngle& told, const Motion& n
     if (told.position_rad == wheel.told.position_rad ||
         std::abs(told.angle_rad - wheel.told.angle_rad) <= unsure_rad) {
         wheel.unseen.frames += told.time_ns != wheel.told.time_ns;
-        if (wheel.unseen.frames <= kFrames) wheel.told = told;
+        if (wheel.unseen.frames <= kFrames && std::isfinite(told.unsure_rad)) wheel.told = told;
         return true;
     }
     wheel.told = told;
@@ -147,7 +148,7 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Re
     Unseen& unseen = wheel.unseen;
     if (unseen.frames <= 0) unseen = {.frames = unseen.frames};
     if (!model_known) {
-        const bool turns = beyond_held_Nm(wheel, pushed.torque_Nm, 0, kNoSlope) != 0;
+        const bool turns = std::abs(pushed.torque_Nm) > settings_.held_unknown_Nm;
         unseen.pushed_cycles = turns ? unseen.pushed_cycles + 1 : 0;
         return unseen.pushed_cycles >= kPushedCycles;
     }
@@ -171,7 +172,8 @@ bool EncoderWatch::hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Re
     if (level_floor) {
         push_on(speed, pushed, (forward - turning) / (forward + turning), (forward + turning) * elapsed_s);
     } else {
-        const Real beyond_Nm = beyond_held_Nm(wheel, pushed.torque_Nm, pushed.holds_Nm, 2 * forward);
+        const Real beyond_Nm =
+            beyond_held_Nm(wheel, pushed.torque_Nm, pushed.holds_Nm, pushed.beside_rad_per_s2, 2 * forward);
         if (beyond_Nm != 0) {
             speed.least += beyond_Nm * (forward + turning) * elapsed_s;
         } else if (speed.least * pushed.torque_Nm < 0) {
@@ -219,15 +221,16 @@ void EncoderWatch::remember_changes(Real elapsed_s, const WheelPair<Real>& torqu
 }
 
 // What of a torque must turn the wheel. `gain_rad_per_s2`: of its speed, by a newton metre on each wheel.
-Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm,
+Real EncoderWatch::beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real beside_rad_per_s2,
                                   Real gain_rad_per_s2) const {
     Real least = std::min(Real(0), holds_Nm);
     Real most = std::max(Real(0), holds_Nm);
     if (std::abs(torque_Nm) < kNearlyAllTorque * settings_.torque_limit_Nm) {
         const Real slope_Nm = -wheel.before.unexplained_rad_per_s2 / gain_rad_per_s2;
         const Real lately_Nm = -wheel.lately.unexplained_rad_per_s2 / gain_rad_per_s2;
-        least = std::min({least, slope_Nm, lately_Nm});
-        most = std::max({most, slope_Nm, lately_Nm});
+        const Real beside_Nm = std::abs(beside_rad_per_s2) / gain_rad_per_s2;  // a camber's is the other way
+        least = std::min({least, slope_Nm, lately_Nm, -beside_Nm});
+        most = std::max({most, slope_Nm, lately_Nm, beside_Nm});
     }
     return torque_Nm - std::clamp(torque_Nm, least - settings_.held_Nm, most + settings_.held_Nm);
 }

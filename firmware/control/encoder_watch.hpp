@@ -1,14 +1,16 @@
 // Whether the encoders can be believed: a wheel whose angle does not change by a single digit although the
-// torque says that it must have turned has an encoder that is frozen. (A wheel that stands still against
+// torque says that it must have turned has an encoder that is frozen. (Within a count a drive's loop goes on
+// at its last speed, with no encoder behind it: that is no change.) (A wheel that stands still against
 // something turns back and forth by counts as its torque changes; what does not even do that for long is
 // called implausible as well, and stopped.)
 //
 // Per wheel, from its last change of angle on, the angle it must have gone unseen is integrated: from the
 // speed it had, and from the acceleration by the torque beyond what can be held without moving: friction, and
-// a slope's share, which is what accelerated the wheel, beside the model, while it turned. Nobody holds
-// nearly the whole torque limit. A torque against its motion may brake the wheel by half more than the whole
-// limit would. Too much unseen is one and a half steps of the coarsest encoder, or half of that for a wheel
-// that stood, where this encoder's own steps allow. Where no model is known yet, it is time.
+// a slope's share, which is what accelerated this wheel, beside the model, while it turned, or the other one
+// lately. Nobody holds nearly the whole torque limit. A torque against its motion may brake the wheel by half
+// more than the whole limit would. Too much unseen is one and a half steps of the coarsest encoder, or half
+// of that for a wheel that stood, where this encoder's own steps allow. Where no model is known yet, it is
+// time.
 //
 // Where friction is known and the floor is level, in an identification, both ends of what the speed and the
 // angle can be are followed: by the torques that were asked, friction of half more or less than the known
@@ -48,6 +50,7 @@ struct EncoderWatchSettings {
     Real known_friction_Nm{};  // of a wheel, no less than it is; 0: not known, or there may be a slope
     Real unseen_from_rest_rad = Real(kMostUnseen_rad);  // that a wheel which stood may turn
     int report_cycles = 1;                              // from one report of an encoder to the next
+    Real held_unknown_Nm = held_Nm;                     // where no model tells what a slope does
 };
 
 // `identifying`: for an identification. Its floor is level, so friction alone may hold a wheel; and its
@@ -102,8 +105,9 @@ class EncoderWatch {
     };
     struct Pushed {  // a wheel
         Real torque_Nm = 0;
-        Real holds_Nm = 0;  // a body that turns
-        Range other_Nm;     // of the other wheel's torque, what accelerates it
+        Real holds_Nm = 0;           // a body that turns
+        Range other_Nm;              // of the other wheel's torque, what accelerates it
+        Real beside_rad_per_s2 = 0;  // the model, what the other wheel has gained lately
     };
     struct Leapt {  // a wheel's speed, and the other one's not
         bool right = false;
@@ -116,7 +120,8 @@ class EncoderWatch {
     static constexpr std::size_t kInstants = 8;                    // a power of two
 
     bool still(Wheel& wheel, const EncoderAngle& told, const Motion& now) const;
-    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real gain_rad_per_s2) const;
+    Real beyond_held_Nm(const Wheel& wheel, Real torque_Nm, Real holds_Nm, Real beside_rad_per_s2,
+                        Real gain_rad_per_s2) const;
     void remember_changes(Real elapsed_s, const WheelPair<Real>& torque_Nm, const PlantModel<Real>& plant);
     void push_on(Range& speed_rad_per_s, const Pushed& pushed, Real coupling, Real gain_rad_per_s) const;
     bool hidden(Wheel& wheel, Real elapsed_s, const Pushed& pushed, Real radius_m,

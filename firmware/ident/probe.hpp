@@ -679,11 +679,17 @@ class Probe {
     }
     // Of a sum of two, from theirs.
     static double joint(double error, double other) { return std::hypot(Real(error), Real(other)); }
-    // Pushes that moved nothing, or nothing that stands out.
+    // Pushes that moved nothing, or nothing that stands out; or that moved a wheel well, until it stood.
     bool judge_answers() {
         const auto& own = found_.pushed_m_per_s2_Nm;
         if (found_.k7_per_kg_m > 0 && own.left > 0 && own.right > 0) return false;
-        end(answers_stand_out() ? does_not_turn(own.left > own.right) : IdentCause::no_room);
+        const bool right = own_error_.right > own_error_.left;
+        const double went = right ? forward_.right : forward_.left;
+        const double error = kSure * (right ? forward_error_.right : forward_error_.left);
+        const bool stood = went > error && 2 * std::max(own_error_.left, own_error_.right) > error;
+        end(answers_stand_out() ? does_not_turn(own.left > own.right)
+            : stood             ? does_not_turn(right)
+                                : IdentCause::no_room);
         return true;
     }
     IdentCause running_free() const {

@@ -306,17 +306,13 @@ TEST(EncoderWatch, a_body_that_turns_and_an_unknown_friction_are_no_wrong_way) {
 TEST(EncoderWatch, its_settings_follow_from_the_robot) {
     struct Row {
         double friction_left_Nm, friction_right_Nm, bandwidth;
-        double held_Nm, held_identifying_Nm, known_Nm;
+        double held_Nm, known_Nm;
         int span;
     };
     // 4 Nm, mean radius 0.08 m
     const Row rows[] = {
-        {0.3, 0.2, 100, 0.45 + 0.4, 0.45, 0.375, 10},
-        {0.2, 0.3, 69, 0.45 + 0.4, 0.45, 0.375, 14},
-        {0, 0, 40, 2.0 + 0.4, 2, 0, 20},
-        {1.5, 0.2, 500, 2.25 + 0.4, 2.25, 1.875, 6},
-        {0.3, 0.2, 160, 0.45 + 0.4, 0.45, 0.375, 6},
-        {0.3, 0.2, 150, 0.45 + 0.4, 0.45, 0.375, 7},
+        {0.3, 0.2, 100, 0.45, 0.375, 10}, {0.2, 0.3, 69, 0.45, 0.375, 14}, {0, 0, 40, 2, 0, 20},
+        {1.5, 0.2, 500, 2.25, 1.875, 6},  {0.3, 0.2, 160, 0.45, 0.375, 6}, {0.3, 0.2, 150, 0.45, 0.375, 7},
     };
     for (const Row& row : rows) {
         model::RobotParameters p = parameters();
@@ -328,7 +324,7 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
             const EncoderWatchSettings to = encoder_watch_settings(p, identifying);
             const int span = identifying ? 15 : row.span;
             DOUBLES_EQUAL(kLimit_Nm, to.torque_limit_Nm, 1e-12);
-            DOUBLES_EQUAL(identifying ? row.held_identifying_Nm : row.held_Nm, to.held_Nm, 1e-12);
+            DOUBLES_EQUAL(row.held_Nm, to.held_Nm, 1e-12);
             DOUBLES_EQUAL(0.625, to.creeping_rad_per_s, 1e-12);
             LONGS_EQUAL(span, to.span_cycles);
             DOUBLES_EQUAL(0.1 * span, to.full_impulse_Ns, 1e-12);  // 2 * 4 / 0.08 N

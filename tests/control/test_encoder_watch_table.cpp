@@ -389,18 +389,21 @@ TEST(EncoderWatchTable, a_turning_body_and_a_slope_may_hold_a_wheel) {
                 LONGS_EQUAL_TEXT(first_unseen(0, of(kOwn_per_Nm, right) * beyond_Nm), t.cycles(c, 500),
                                  name(right, sign * torque_Nm).c_str());
 
-                // One that was seen 16 to 32 changes of angle ago, or in those since.
+                // One that was seen 16 to 32 changes of angle ago, or in those since; either way as much as
+                // the other wheel has shown in those.
                 for (const bool lately : {false, true}) {
                     Told s;
                     const double slope_Nm = 0.5, radius_m = of(kRadius_m, right);
-                    Cycle turns{{}, {}, one(right, -sign * slope_Nm * 2 * kK7 / radius_m, -7), {}};
-                    const Cycle level{{}, {}, one(right, sign * 1e-9, -7), {}};
+                    const double beside_Nm = 1 / (2 * kK7 / radius_m);
+                    Cycle turns{{}, {}, one(right, -sign * slope_Nm * 2 * kK7 / radius_m, -1), {}};
+                    const Cycle level{{}, {}, one(right, sign * 1e-9, -1), {}};
                     LONGS_EQUAL(0, s.cycles(lately ? level : turns, 16));
                     LONGS_EQUAL(0, s.cycles(lately ? turns : level, 16));
                     for (const int way : {1, -1}) {
-                        Cycle pushed{{}, {}, {}, one(right, way * sign * torque_Nm, 0)};
+                        Cycle pushed{{}, {}, one(right, 0, -1), one(right, way * sign * torque_Nm, 0)};
                         pushed.stands[right] = true;
-                        const double more_Nm = torque_Nm - 1.25 - (way > 0 && torque_Nm < 3 ? slope_Nm : 0);
+                        const double held_Nm = torque_Nm < 3 ? (way > 0 ? slope_Nm : beside_Nm) : 0;
+                        const double more_Nm = torque_Nm - 1.25 - held_Nm;
                         LONGS_EQUAL_TEXT(first_unseen(0, of(kOwn_per_Nm, right) * more_Nm),
                                          s.cycles(pushed, 500), name(right, sign * torque_Nm).c_str());
                         CHECK_FALSE(s.cycle(turns));

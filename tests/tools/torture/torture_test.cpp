@@ -36,8 +36,8 @@ struct Known {
 constexpr Known kKnown[] = {
     // clang-format off
     {"lie_sign", 611030, "late"},
-    {"lie_both_frozen", 601181, "late"},
-    {"lie_frame_repeated", 151177, "late"},
+    {"lie_frozen", 641235, "late"},
+    {"lie_both_frozen", 641030, "late"},
     {"lie_half_counts", 611238, "quicker"},
     {"lie_half_speed", 641186, "quicker"},
     {"long_delay", 651235, "name"},
