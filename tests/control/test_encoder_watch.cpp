@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <string>
 
 #include "tests/control/inner_loop.hpp"
@@ -39,6 +40,7 @@ struct Watched {
     EncoderWatch watch;
     bench::Robot robot;
     bool known = true;
+    bool no_count = false;  // comes: behind a drive's loop that tells nothing of an angle
     std::function<WheelPair<double>(const WheelPair<double>&)> tell;  // what is told of the true angles
 
     explicit Watched(const bench::Truth& of = truth()) : robot(of, 7) {
@@ -46,6 +48,10 @@ struct Watched {
         watch.configure(encoder_watch_settings(parameters(), false));
         drive({}, 100);
         watch.rest(bench::told_angles({robot.left.position_rad, robot.right.position_rad}, {}));
+    }
+
+    static void make_unsure(auto& angles) {
+        for (auto& angle : angles) angle.unsure_rad = std::numeric_limits<double>::infinity();
     }
 
     // The cycle in which the watch does not believe an encoder; -1: none.
@@ -57,9 +63,9 @@ struct Watched {
             if (tell) told = tell(told);
             observer.update(robot.now_ns(), {told.left, 0, robot.left.time_ns},
                             {told.right, 0, robot.right.time_ns}, model);
-            if (watch.update(1e-3, bench::told_angles(told, {robot.left.time_ns, robot.right.time_ns}),
-                             observer, torque_Nm, model, known))
-                return k;
+            auto angles = bench::told_angles(told, {robot.left.time_ns, robot.right.time_ns});
+            if (no_count) make_unsure(angles);
+            if (watch.update(1e-3, angles, observer, torque_Nm, model, known)) return k;
             watch.look(observer.motion().wheel_speed_rad_per_s, model);
         }
         return -1;
@@ -103,6 +109,18 @@ TEST(EncoderWatch, believes_encoders_that_tell_the_truth) {
 TEST(EncoderWatch, friction_holds_a_wheel_whose_encoder_is_no_liar) {
     Watched w;
     for (int i = 0; i < 10; ++i) LONGS_EQUAL(-1, w.drive(pushes(0.9 * kFriction_Nm, i % 2 == 0), 500));
+}
+
+// Behind a drive's loop no count may have come when the watch begins.
+TEST(EncoderWatch, a_rest_that_tells_no_angle_hides_no_motion) {
+    Watched w;
+    auto told = bench::told_angles({w.robot.left.position_rad, w.robot.right.position_rad}, {});
+    Watched::make_unsure(told);
+    w.watch.rest(told);
+    w.no_count = true;
+    LONGS_EQUAL(-1, w.drive({}, 20));
+    w.no_count = false;
+    LONGS_EQUAL(-1, w.drive(pushes(2, false), 300));
 }
 
 TEST(EncoderWatch, an_encoder_that_stands_still_is_seen_at_speed_and_from_rest) {
@@ -325,6 +343,7 @@ TEST(EncoderWatch, its_settings_follow_from_the_robot) {
             const int span = identifying ? 15 : row.span;
             DOUBLES_EQUAL(kLimit_Nm, to.torque_limit_Nm, 1e-12);
             DOUBLES_EQUAL(row.held_Nm, to.held_Nm, 1e-12);
+            DOUBLES_EQUAL(row.held_Nm + (identifying ? 0 : 0.4), to.held_unknown_Nm, 1e-12);
             DOUBLES_EQUAL(0.625, to.creeping_rad_per_s, 1e-12);
             LONGS_EQUAL(span, to.span_cycles);
             DOUBLES_EQUAL(0.1 * span, to.full_impulse_Ns, 1e-12);  // 2 * 4 / 0.08 N
