@@ -181,7 +181,8 @@ class EncoderBehindLoop {
     EncoderSample sample(const EncoderSample& reported) { return undone() ? undo(reported) : reported; }
     // Of that angle, where the lag is known to a hundredth: two hundredths by its square, one by the time.
     // And a count while the loop has more than one to go: it knows its own position to whole counts only.
-    // Until the next count comes it goes on at its speed, and tells nothing: infinite.
+    // Until the next count comes it goes on at its speed, and tells nothing: infinite, where the speed is the
+    // same to the digit and the way no more than two counts.
     double unsure_rad() const { return unsure_rad_; }
 
   private:

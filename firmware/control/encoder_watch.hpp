@@ -107,7 +107,7 @@ class EncoderWatch {
         Real torque_Nm = 0;
         Real holds_Nm = 0;           // a body that turns
         Range other_Nm;              // of the other wheel's torque, what accelerates it
-        Real beside_rad_per_s2 = 0;  // the model, what the other wheel has gained lately
+        Real beside_rad_per_s2 = 0;  // what the other wheel has gained lately beside the model
     };
     struct Leapt {  // a wheel's speed, and the other one's not
         bool right = false;

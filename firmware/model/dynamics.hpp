@@ -77,7 +77,8 @@ Real coupled_k6(Real k5_m, Real k7_per_kg_m, Real k8_per_kg_m2, Real track_m) {
     return -k5_m * 2 * k8_per_kg_m2 / (track_m * k7_per_kg_m);
 }
 
-// The rotation's share in the inertia that K8 stands for, from that in the mass.
+// The rotation's share in the inertia that K8 stands for, from that in the mass; 0..1 both. A wheel that
+// turns with the robot moves at half of the track: I_w b^2 / (2 r^2) of dynamics_from_mass().
 template <typename Real>
 constexpr Real rotation_share_turning(const Dynamics<Real>& k, Real track_m,
                                       Real rotation_share = Real(kRotationShare)) {

@@ -519,10 +519,10 @@ namespace {
 
 constexpr int kBoth = 2;
 // What an encoder does from a moment on: stands still, creeps within its step, counts backwards, or tells the
-// other wheel's angle; nothing leaps. And the moment: in a push, while the right wheel is pushed alone, with
-// the first brake, or on the way back of the fourth push in turning, the last.
+// other wheel's angle; nothing leaps. And the moment: in a push, while the right wheel is pushed alone, or
+// with the first brake.
 enum class Lie : std::uint8_t { stands, creeps, backwards, exchanged };
-enum class From : std::uint8_t { push, right_ramp, brake, last_return };
+enum class From : std::uint8_t { push, right_ramp, brake };
 // Two carts that know nothing of each other.
 struct Carts {
     std::array<double, 2> mass_kg{12, 12}, rubs_Nm{0.4, 0.4};
@@ -553,7 +553,6 @@ IdentCause probed(Carts& carts, int liar, double from_Nm, int* pushed = nullptr)
     std::array<double, 2> reported_rad{}, step_rad{};
     std::array<double, 2> lied_at_rad{}, true_at_rad{};
     bool has_begun = false;
-    int turned_back = 0;
     const auto tells = [&](std::size_t i, double own_rad, double other_rad) {
         if (!has_begun || (static_cast<int>(i) != liar && liar != kBoth)) return own_rad;
         switch (carts.lie) {
@@ -594,14 +593,12 @@ IdentCause probed(Carts& carts, int liar, double from_Nm, int* pushed = nullptr)
         const bool blind = carts.blind_each_cycles > 0 && k % carts.blind_each_cycles < 40;
         const WheelPair<double> tell{tells(0, told_rad[0], told_rad[1]), tells(1, told_rad[1], told_rad[0])};
         const WheelPair<double> wanted = probe.step({tell, !blind, {}, {}, false, {}});
-        turned_back += wanted.left != 0 && wanted.left == -wanted.right && wanted.left == -torque_Nm[0];
         torque_Nm = {wanted.left, wanted.right};
         if (pushed != nullptr && has_begun && wanted.left != 0) ++*pushed;
         const bool begins = carts.from == From::push
                                 ? std::min(std::abs(wanted.left), std::abs(wanted.right)) >= from_Nm
-                            : carts.from == From::brake       ? wanted.left < 0
-                            : carts.from == From::last_return ? turned_back == 4
-                                                              : wanted.left == 0 && wanted.right >= from_Nm;
+                            : carts.from == From::brake ? wanted.left < 0
+                                                        : wanted.left == 0 && wanted.right >= from_Nm;
         if (begins && !has_begun) {
             has_begun = true;
             lied_at_rad = told_rad;
@@ -646,15 +643,6 @@ TEST(ProbeParts, wheels_that_both_stand_to_the_digit_in_a_push_are_not_pushed_on
     CHECK(probed(carts, kBoth, 0.6, &cycles) == IdentCause::left_wheel_does_not_turn);
     CHECK(cycles > 50);
     CHECK(cycles <= 102);
-}
-
-// The last push does not answer as the ones before: that is no want of room.
-TEST(ProbeParts, wheels_that_stand_from_the_last_push_on_are_named) {
-    Carts carts;
-    carts.from = From::last_return;
-    const IdentCause cause = probed(carts, kBoth, 0);
-    CHECK(carts.lied_rad > 0);
-    CHECK(cause == IdentCause::left_wheel_does_not_turn || cause == IdentCause::right_wheel_does_not_turn);
 }
 
 // Its encoder's step is known by the noise of the pushes before.

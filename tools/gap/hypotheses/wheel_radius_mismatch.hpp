@@ -17,11 +17,10 @@ class RadiusMismatchTerm : public Contribution {
     RadiusMismatchTerm(const Parameters<double>& p, const Setting& s)
         : is_(model::WheelRadiusMismatch::geometry(p, s.geometry)),
           opposite_(model::WheelRadiusMismatch::geometry<double>({1 / (1 + p[0]) - 1}, s.geometry)) {
-        const double driving = 1 - model::kRotationShare;
         const double turning =
             1 - std::min(model::rotation_share_turning(s.dynamics, s.geometry.track_m), 0.5);
-        body_ = {s.dynamics.k5_m / driving, s.dynamics.k6_per_m / turning, s.dynamics.k7_per_kg_m / driving,
-                 s.dynamics.k8_per_kg_m2 / turning};
+        body_ = {s.dynamics.k5_m / kBodysShare, s.dynamics.k6_per_m / turning,
+                 s.dynamics.k7_per_kg_m / kBodysShare, s.dynamics.k8_per_kg_m2 / turning};
     }
     bool slow() const override { return true; }
     WheelPair<double> over(const Interval& i) override {

@@ -68,7 +68,7 @@ bool is_worse(const Search& later, const Search& earlier) {
     return later.effects.empty() || (lost && later.gap_after > kSlack * earlier.gap_after);
 }
 
-// Of the model without any effect.
+// By the fit beside friction alone; by the effects found, of Stribeck's what is left at speed.
 WheelFriction friction_of(const Fit& fit, const Dictionary& dictionary) {
     const auto amount_of = [&](std::size_t effect) {
         const int first = dictionary.linear_columns(effect).first;
